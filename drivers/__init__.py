@@ -1,0 +1,1 @@
+"""Devices: one folder per kind, with its contract (a ``Protocol``) and its real drivers."""

@@ -1,0 +1,1 @@
+"""The desktop program: shows and asks, computes nothing."""

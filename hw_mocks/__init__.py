@@ -1,0 +1,1 @@
+"""Devices simulated at the wire, all looking at one scene."""

@@ -1,0 +1,214 @@
+"""The rig file: which devices there are, the waveform, where everything stands, and the camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, TypeAdapter, ValidationError, model_validator
+
+from polfuse_lab.errors import PolfuseError
+from polfuse_lab.rig.toml_model import FileMistake, FileModel, line_of, read_model
+
+SPEED_OF_LIGHT_M_S = 299_792_458.0
+
+
+class Waveform(FileModel):
+    """The linear FM ramp."""
+
+    centre_hz: float = Field(gt=0)
+    """Centre frequency of the ramp, Hz."""
+    bandwidth_hz: float = Field(gt=0)
+    """Frequency swept in one up-ramp, Hz."""
+    ramp_up_s: float = Field(gt=0)
+    """Nominal length of the up-ramp, s; the true one is measured from the sync."""
+    sweep_period_s: float = Field(gt=0)
+    """Nominal time from one up-ramp's start to the next, s; the true one is measured from the sync."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Waveform:
+        if self.sweep_period_s < self.ramp_up_s:
+            raise ValueError(f"sweep_period_s ({self.sweep_period_s}) is at least ramp_up_s ({self.ramp_up_s})")
+        if self.bandwidth_hz >= 2 * self.centre_hz:
+            raise ValueError("bandwidth_hz is below twice centre_hz")
+        return self
+
+    @property
+    def wavelength_m(self) -> float:
+        """Wavelength at the centre frequency, m (thesis 5.1)."""
+        return SPEED_OF_LIGHT_M_S / self.centre_hz
+
+    @property
+    def range_resolution_m(self) -> float:
+        """c / 2B, m (thesis 2.34)."""
+        return SPEED_OF_LIGHT_M_S / (2 * self.bandwidth_hz)
+
+
+class DeviceSection(FileModel):
+    """A device: the name of its driver and the driver's own options."""
+
+    driver: str
+    """Name of an installed driver; 'polfuse doctor' lists them."""
+    options: dict[str, Any] = Field(default_factory=dict)
+    """The driver's own settings; each driver documents its own."""
+
+
+class RadarSection(DeviceSection):
+    """The radar's beat and sync on a stereo audio port."""
+
+    sample_rate_hz: float = Field(default=48_000.0, ge=8_000, le=384_000)
+    """Sample rate of the audio port, Hz; a device that would resample is refused."""
+
+
+class SwitchesSection(DeviceSection):
+    """The two RF transfer switches."""
+
+    settle_s: float = Field(default=0.07, ge=0, le=0.5)
+    """Time after a switch has been told to change until its contacts are quiet, s."""
+
+
+class TrolleySection(DeviceSection):
+    """The trolley on its rail."""
+
+    length_m: float = Field(gt=0)
+    """Usable length of the rail, m; x runs from -length_m/2 to +length_m/2."""
+    speed_m_s: float = Field(default=0.1, gt=0)
+    """Speed between positions, m/s (used for the dry run; the driver has its own feed)."""
+
+
+class PolarizerSection(DeviceSection):
+    """The linear polarizer in front of the camera."""
+
+    extinction_ratio: float = Field(default=800.0, gt=1)
+    """Maximum over minimum transmittance of the polarizer (thesis: 800:1)."""
+
+
+class CameraSection(DeviceSection):
+    """The camera and its optics. Its place and direction are in the rig's coordinates."""
+
+    width_px: int = Field(gt=0, le=65_536)
+    """Columns of a frame."""
+    height_px: int = Field(gt=0, le=65_536)
+    """Rows of a frame."""
+    pixel_format: str = "Mono16"
+    """GenICam pixel format."""
+    exposure_s: float = Field(gt=0, le=60)
+    """Exposure, s."""
+    gain_db: float = Field(default=0.0, ge=0)
+    """Gain, dB."""
+    focal_length_m: float = Field(gt=0)
+    """Focal length of the lens, m."""
+    pixel_pitch_m: float = Field(gt=0)
+    """Distance of neighbouring pixels on the sensor, m."""
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Entrance pupil in rig coordinates (x along the rail, y away from it, z up), m; origin at the aperture's centre."""
+    depression_deg: float = Field(default=17.0, ge=-90, le=90)
+    """Angle of the optical axis below horizontal, degrees."""
+    saturation_counts: int = Field(default=65_535, gt=0)
+    """Counts at and above which a pixel is saturated."""
+    black_level_counts: float = Field(default=0.0, ge=0)
+    """Counts without light."""
+    electrons_per_count: float = Field(default=1.0, gt=0)
+    """Photo-electrons for one count (for shot noise)."""
+    read_noise_counts: float = Field(default=0.0, ge=0)
+    """Read noise, counts rms."""
+
+
+class Geometry(FileModel):
+    """Where the antennas are and how they look. Origin: the antennas' phase centre at the aperture's centre."""
+
+    antenna_height_m: float = Field(gt=0)
+    """Height of the antennas above the ground plane, m; the ground is z = -antenna_height_m."""
+    antenna_elevation_deg: float = Field(default=17.0, ge=-90, le=90)
+    """Angle of the antennas' axes below horizontal, degrees (thesis: 17)."""
+    beamwidth_deg: float = Field(default=70.0, gt=0, le=180)
+    """Half-power beamwidth of one antenna, degrees (thesis: 70)."""
+    range_offset_m: float = 0.0
+    """Range that cables and electronics add, m; subtracted from measured ranges."""
+
+
+class Rig(FileModel):
+    """A whole rig."""
+
+    name: str = "rig"
+    """A name for reports."""
+    waveform: Waveform
+    """The radar's ramp."""
+    geometry: Geometry
+    """Antenna geometry."""
+    radar: RadarSection
+    """Radar audio port."""
+    switches: SwitchesSection
+    """RF transfer switches."""
+    trolley: TrolleySection
+    """Trolley and rail."""
+    camera: CameraSection | None = None
+    """Camera; left out for radar-only rigs."""
+    polarizer: PolarizerSection | None = None
+    """Polarizer; left out for radar-only rigs."""
+
+    @model_validator(mode="after")
+    def _optics_together(self) -> Rig:
+        if (self.camera is None) != (self.polarizer is None):
+            raise ValueError("[camera] and [polarizer] both or neither")
+        return self
+
+    def section(self, kind: str) -> DeviceSection | None:
+        """The section of a kind of device (``"radar"``, ``"switches"``, …)."""
+        section: DeviceSection | None = getattr(self, kind)
+        return section
+
+
+def load_rig(path: Path | str) -> Rig:
+    """Read a rig file. Raises :class:`PolfuseError` with file, line, field, found and allowed.
+
+    Options are checked against the driver's own ``Options`` where that driver is installed.
+    """
+    path = Path(path)
+    rig = read_model(path, Rig)
+    check_options(rig, path)
+    return rig
+
+
+def check_options(rig: Rig, path: Path) -> None:
+    """Check every device's options against its driver's ``Options`` dataclass.
+
+    Raises:
+        FileMistake: an unknown driver, or an option that its driver does not take.
+    """
+    for kind in ("radar", "switches", "trolley", "camera", "polarizer"):
+        if rig.section(kind) is not None:
+            driver_options(rig, kind, path)
+
+
+def driver_options(rig: Rig, kind: str, path: Path | str = "rig") -> Any:
+    """The validated ``Options`` object of one device's driver. Raises :class:`FileMistake`."""
+    from drivers import registry
+
+    path = Path(path)
+    section = rig.section(kind)
+    assert section is not None
+    text = path.read_text(encoding="utf-8") if path.is_file() else ""
+    try:
+        options = registry.driver_class(kind, section.driver).Options
+    except KeyError:
+        line = line_of(text, (kind, "driver"))
+        place = f"line {line}, " if line else ""
+        names = ", ".join(registry.available(kind))
+        raise FileMistake(path, [f"{place}{kind}.driver: found {section.driver!r}, allowed: {names}"]) from None
+    try:
+        return TypeAdapter(options).validate_python(section.options)
+    except ValidationError as error:
+        mistakes = []
+        fields = ", ".join(options.__dataclass_fields__)
+        for item in error.errors():
+            location = (kind, "options", *item["loc"])
+            line = line_of(text, location)
+            place = f"line {line}, " if line else ""
+            known = item["type"] not in ("unexpected_keyword_argument", "extra_forbidden")
+            allowed = item["msg"].removeprefix("Input should be ") if known else fields
+            found = "nothing" if item["type"] in ("missing", "missing_argument") else repr(item["input"])
+            mistakes.append(f"{place}{'.'.join(map(str, location))}: found {found}, allowed: {allowed}")
+        raise FileMistake(path, mistakes) from None
+
+

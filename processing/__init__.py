@@ -1,0 +1,1 @@
+"""Pure numerics on NumPy arrays: no files, no devices, no threads, no windows."""
