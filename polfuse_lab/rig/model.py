@@ -7,7 +7,6 @@ from typing import Any
 
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
-from polfuse_lab.errors import PolfuseError
 from polfuse_lab.rig.toml_model import FileMistake, FileModel, line_of, read_model
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
@@ -210,5 +209,3 @@ def driver_options(rig: Rig, kind: str, path: Path | str = "rig") -> Any:
             found = "nothing" if item["type"] in ("missing", "missing_argument") else repr(item["input"])
             mistakes.append(f"{place}{'.'.join(map(str, location))}: found {found}, allowed: {allowed}")
         raise FileMistake(path, mistakes) from None
-
-

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 import tomllib
 import types
 from pathlib import Path
 from typing import Any, TypeVar, Union, get_args, get_origin
-
-import difflib
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -46,7 +45,9 @@ def read_model(path: Path | str, model: type[Model]) -> Model:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise PolfuseError(
-            f"cannot be read ({error.strerror})", where=str(path), advice="check the name, or write one with 'polfuse init'"
+            f"cannot be read ({error.strerror})",
+            where=str(path),
+            advice="check the name, or write one with 'polfuse init'",
         ) from error
     except UnicodeDecodeError as error:
         raise PolfuseError(
@@ -102,7 +103,9 @@ def _walk(model: type[BaseModel], location: Location) -> list[type[BaseModel]]:
     for part in location:
         if isinstance(part, int):
             continue
-        inner = [found for m in models if part in m.model_fields for found in _models_in(m.model_fields[part].annotation)]
+        inner = [
+            found for m in models if part in m.model_fields for found in _models_in(m.model_fields[part].annotation)
+        ]
         # A discriminator's tag stands in the location too, without being a field.
         models = inner or models
     return models

@@ -1,0 +1,51 @@
+"""The ``polfuse`` command. Each command stands in a module of its own and imports what is heavy when it runs."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+
+import typer
+
+COMMANDS = (
+    # module, function, name
+    ("init", "init", "init"),
+    ("plan", "plan", "plan"),
+    ("doctor", "doctor", "doctor"),
+    ("sim", "sim", "sim"),
+    ("collect", "collect", "collect"),
+    ("info", "info", "info"),
+    ("recover", "recover", "recover"),
+    ("import_", "import_", "import"),
+    ("range_", "range_", "range"),
+    ("focus", "focus", "focus"),
+    ("calibrate", "calibrate", "calibrate"),
+    ("optics", "optics", "optics"),
+    ("fuse", "fuse", "fuse"),
+    ("report", "report", "report"),
+    ("demo", "demo", "demo"),
+)
+
+
+def build() -> typer.Typer:
+    """The whole command-line application."""
+    app = typer.Typer(
+        name="polfuse",
+        help="Rail polarimetric SAR and a polarization camera: collect, focus, calibrate, fuse.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    for module, function, name in COMMANDS:
+        if importlib.util.find_spec(f"polfuse_lab.cli.{module}") is None:
+            continue
+        command = getattr(importlib.import_module(f"polfuse_lab.cli.{module}"), function)
+        app.command(name)(command)
+    return app
+
+
+def main() -> None:
+    """Entry point of the ``polfuse`` command."""
+    build()()

@@ -1,0 +1,83 @@
+"""How every command speaks: one JSON object or a few lines on stdout, everything else on stderr, errors in one line."""
+
+from __future__ import annotations
+
+import functools
+import json
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, ParamSpec
+
+import typer
+
+Arguments = ParamSpec("Arguments")
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
+Debug = Annotated[bool, typer.Option("--debug", help="Show a traceback when something fails.")]
+
+
+def progress(message: str) -> None:
+    """One line for the user on stderr."""
+    print(message, file=sys.stderr, flush=True)
+
+
+def result(values: Mapping[str, Any], *, as_json: bool, text: str) -> None:
+    """The outcome of a command: ``values`` as one JSON object, or ``text`` for people."""
+    print(json.dumps(_plain(values), allow_nan=False) if as_json else text, flush=True)
+
+
+def _plain(value: Any) -> Any:
+    """JSON-ready copy: paths as strings, NumPy scalars as Python's, undefined numbers as null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
+        return None
+    return value
+
+
+def guarded(function: Callable[Arguments, None]) -> Callable[Arguments, None]:
+    """Turn the failures of a command into one line on stderr and exit status 1; Ctrl-C into 130.
+
+    The command must take ``debug: Debug``.
+    """
+
+    @functools.wraps(function)
+    def run(*args: Arguments.args, **kwargs: Arguments.kwargs) -> None:
+        try:
+            function(*args, **kwargs)
+        except (typer.Exit, typer.Abort):
+            raise
+        except KeyboardInterrupt:
+            progress("stopped by the user")
+            raise typer.Exit(130) from None
+        except BrokenPipeError:
+            # The reader of stdout went away (head, a closed pager); nobody is left to be told.
+            sys.stderr.close()
+            raise typer.Exit(1) from None
+        except Exception as error:
+            if kwargs.get("debug"):
+                traceback.print_exc()
+            progress(f"error: {_words(error)}")
+            raise typer.Exit(1) from None
+
+    return run
+
+
+def _words(error: Exception) -> str:
+    from drivers.errors import DeviceError
+    from polfuse_lab.errors import PolfuseError
+    from processing.errors import DataError
+
+    if isinstance(error, (PolfuseError, DeviceError, DataError)):
+        return str(error)
+    if isinstance(error, OSError) and error.filename:
+        return f"{error.filename}: {error.strerror}; check the path, its permissions and the space on the disk"
+    return f"{type(error).__name__}: {error}; this is a defect of the program: run again with --debug and report it"
