@@ -1,0 +1,57 @@
+# From a fresh clone: `make demo` runs the main job on a simulated rig, `make test` runs every check.
+# Each target sets up what it needs; the environment is .venv, the Debian packages are in scripts/system-packages.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+DEMO_OUT ?= demo_out
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: help setup system demo demo-quick test lint types imports unit clean constraints
+
+help:
+	@echo "make demo        a whole collect on a simulated rig, focused, calibrated, fused: $(DEMO_OUT)/report.html"
+	@echo "make demo-quick  the same with fewer positions (under 40 s)"
+	@echo "make test        lint, types, import rules and all tests"
+	@echo "make setup       only the environment"
+	@echo "make constraints pin the dependencies anew from pyproject.toml (needs uv)"
+
+system:
+	@sh scripts/system-packages
+
+$(BIN)/.ready: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' || \
+	  { echo "PolFuse Lab needs Python 3.11 to 3.13; name one with 'make PYTHON=python3.11 ...'"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --require-hashes -r constraints.txt
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+setup: system $(BIN)/.ready
+
+demo: setup
+	$(BIN)/polfuse demo --out $(DEMO_OUT)
+
+demo-quick: setup
+	$(BIN)/polfuse demo --out $(DEMO_OUT) --quick
+
+test: setup lint types imports unit
+
+lint: $(BIN)/.ready
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(BIN)/.ready
+	$(BIN)/mypy
+
+imports: $(BIN)/.ready
+	$(BIN)/lint-imports
+
+unit: $(BIN)/.ready
+	$(BIN)/pytest
+
+constraints:
+	uv pip compile pyproject.toml --extra camera --extra test --extra build --universal --python-version 3.11 \
+	  --generate-hashes --no-emit-index-url --no-annotate --no-header -o constraints.txt
+
+clean:
+	rm -rf $(VENV) $(DEMO_OUT) build *.egg-info
