@@ -100,7 +100,7 @@ class CameraSection(DeviceSection):
     pixel_pitch_m: float = Field(gt=0)
     """Distance of neighbouring pixels on the sensor, m."""
     position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Entrance pupil in rig coordinates (x along the rail, y away from it, z up), m; origin at the aperture's centre."""
+    """Entrance pupil in rig coordinates (x along the rail, y away, z up), m; origin at the aperture's centre."""
     depression_deg: float = Field(default=17.0, ge=-90, le=90)
     """Angle of the optical axis below horizontal, degrees."""
     saturation_counts: int = Field(default=65_535, gt=0)

@@ -1,4 +1,4 @@
-"""Read a TOML file into a pydantic model; answer each mistake with file, line, field, what was found and what is allowed."""
+"""Read a TOML file into a pydantic model; answer each mistake with file, line, field, found and allowed."""
 
 from __future__ import annotations
 
