@@ -7,10 +7,11 @@ import json
 import sys
 import traceback
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Annotated, Any, ParamSpec
 
 import typer
+
+from polfuse_lab.plain import plain
 
 Arguments = ParamSpec("Arguments")
 
@@ -25,22 +26,7 @@ def progress(message: str) -> None:
 
 def result(values: Mapping[str, Any], *, as_json: bool, text: str) -> None:
     """The outcome of a command: ``values`` as one JSON object, or ``text`` for people."""
-    print(json.dumps(_plain(values), allow_nan=False) if as_json else text, flush=True)
-
-
-def _plain(value: Any) -> Any:
-    """JSON-ready copy: paths as strings, NumPy scalars as Python's, undefined numbers as null."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, Path):
-        return str(value)
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
-        return None
-    return value
+    print(json.dumps(plain(values), allow_nan=False) if as_json else text, flush=True)
 
 
 def guarded(function: Callable[Arguments, None]) -> Callable[Arguments, None]:

@@ -1,0 +1,1 @@
+"""From a session to calibrated, polarimetric, optical and fused products, and the pictures of them."""

@@ -1,0 +1,224 @@
+"""The products file: one HDF5 group per stage of processing, each with arrays, settings and provenance.
+
+Layout, readable by any HDF5 program::
+
+    /                       attributes: schema = "polfuse-products", version = 1
+    /<stage>/arrays/<name>  one data set per array, attribute "unit" where it has one
+    /<stage>/settings       JSON text
+    /<stage>/provenance     JSON text
+
+A stage is replaced as a whole: the file is written anew beside the old one, flushed to the disk and then renamed, so
+that whoever is interrupted (or killed) leaves the old file untouched. Arrays hold nothing but numbers: two runs on the
+same input give the same bytes; only the provenance tells when and where.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from polfuse_lab.errors import PolfuseError
+from polfuse_lab.plain import plain
+from polfuse_lab.products.lock import exclusive
+from polfuse_lab.products.provenance import arrays_sha256, circumstances, describe_inputs
+
+SCHEMA = "polfuse-products"
+VERSION = 1
+
+MADE_BY = {
+    "ranging": "polfuse focus SESSION.h5 -o PRODUCTS.h5",
+    "focus": "polfuse focus SESSION.h5 -o PRODUCTS.h5",
+    "calibration": "polfuse calibrate PRODUCTS.h5 --target trihedral",
+    "polarimetry": "polfuse calibrate PRODUCTS.h5 --target trihedral",
+    "optics": "polfuse optics SESSION.h5 -o PRODUCTS.h5",
+    "fusion": "polfuse fuse PRODUCTS.h5",
+}
+"""The command that makes each stage."""
+
+Array = np.ndarray[Any, Any]
+
+
+class Products:
+    """A products file. Nothing is held open between calls, so several programs may read while one writes."""
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+
+    def write(
+        self,
+        stage: str,
+        arrays: Mapping[str, Array],
+        *,
+        settings: Mapping[str, Any],
+        inputs: Sequence[Path | str],
+        units: Mapping[str, str],
+    ) -> None:
+        """Write or replace one stage; the file is made if it is not there.
+
+        Args:
+            stage: name of the stage, such as ``"focus"``.
+            arrays: numeric arrays by name, any shape.
+            settings: what the stage was made with; anything that JSON can hold (NumPy values and paths are converted).
+            inputs: the files that the stage was made from; this file itself may be among them.
+            units: unit of each array that has one (``"m"``, ``"sqrt(m^2)"``).
+
+        Raises:
+            PolfuseError: a bad name or array, an input that cannot be read, no space, or another writer at work.
+        """
+        converted = self._checked(stage, arrays, units)
+        with exclusive(self.path):
+            own = self.path.resolve()
+            provenance = {
+                "stage": stage,
+                "inputs": describe_inputs(item for item in inputs if Path(item).resolve() != own),
+                "stages": self._stage_hashes(stage) if any(Path(i).resolve() == own for i in inputs) else {},
+                "settings": plain(settings),
+                "sha256": arrays_sha256(converted),
+                **circumstances(),
+            }
+            fresh = self.path.with_name(f"{self.path.name}.new")
+            try:
+                with h5py.File(fresh, "w", track_order=True) as new:
+                    self._fill(new, stage, converted, plain(settings), provenance, units)
+                with fresh.open("rb+") as stream:
+                    os.fsync(stream.fileno())
+                os.replace(fresh, self.path)
+            except (OSError, RuntimeError) as error:
+                # HDF5 tells of a full disk as RuntimeError when it flushes.
+                raise PolfuseError(
+                    f"stage '{stage}' could not be written ({error})",
+                    where=str(self.path),
+                    advice="check the space on the disk and that the folder may be written; the old file is untouched",
+                ) from error
+            finally:
+                fresh.unlink(missing_ok=True)
+
+    def read(self, stage: str) -> dict[str, Array]:
+        """All arrays of a stage by name. Raises :class:`PolfuseError` when it is missing, naming what makes it."""
+        with self._stage(stage) as group:
+            return {name: item[()] for name, item in group["arrays"].items()}
+
+    def units(self, stage: str) -> dict[str, str]:
+        """Unit of each array of a stage that has one. Raises as :meth:`read`."""
+        with self._stage(stage) as group:
+            return {name: str(item.attrs["unit"]) for name, item in group["arrays"].items() if "unit" in item.attrs}
+
+    def settings(self, stage: str) -> dict[str, Any]:
+        """What a stage was made with. Raises as :meth:`read`."""
+        return self._json(stage, "settings")
+
+    def provenance(self, stage: str) -> dict[str, Any]:
+        """Where a stage comes from. Raises as :meth:`read`.
+
+        Keys: ``inputs`` (path, bytes, sha256 of each file), ``stages`` (sha256 of the stages of this file that it was
+        made from), ``settings``, ``sha256`` (of its own arrays), ``versions``, ``time_utc``, ``host``, ``system``.
+        """
+        return self._json(stage, "provenance")
+
+    def stages(self) -> list[str]:
+        """Names of the stages present, in the order in which they were first written; empty without a file."""
+        if not self.path.exists():
+            return []
+        with self._open() as file:
+            return list(file)
+
+    def _checked(self, stage: str, arrays: Mapping[str, Array], units: Mapping[str, str]) -> dict[str, Array]:
+        for name in (stage, *arrays):
+            if not name or "/" in name or name.startswith("."):
+                raise PolfuseError(f"{name!r} is no name", where=str(self.path), advice="use letters, digits and '_'")
+        if unknown := set(units) - set(arrays):
+            raise PolfuseError(
+                f"units are given for {', '.join(sorted(unknown))}, which stage '{stage}' has not",
+                where=str(self.path),
+                advice="name the arrays that are written",
+            )
+        converted = {name: np.asarray(array) for name, array in arrays.items()}
+        for name, array in converted.items():
+            if array.dtype.kind not in "biufc":
+                raise PolfuseError(
+                    f"array '{name}' of stage '{stage}' holds {array.dtype}, not numbers",
+                    where=str(self.path),
+                    advice="put texts into the settings",
+                )
+        return converted
+
+    def _fill(
+        self,
+        new: h5py.File,
+        stage: str,
+        arrays: Mapping[str, Array],
+        settings: Any,
+        provenance: Mapping[str, Any],
+        units: Mapping[str, str],
+    ) -> None:
+        new.attrs["schema"] = SCHEMA
+        new.attrs["version"] = VERSION
+        present = self.stages()
+        for name in present if stage in present else [*present, stage]:
+            if name != stage:
+                with self._open() as old:
+                    old.copy(name, new)
+                continue
+            group = new.create_group(f"{name}/arrays", track_order=True)
+            for key, array in arrays.items():
+                group.create_dataset(key, data=array)
+                if key in units:
+                    group[key].attrs["unit"] = units[key]
+            # Data sets, for HDF5 limits attributes to 64 KiB.
+            new[name]["settings"] = json.dumps(settings)
+            new[name]["provenance"] = json.dumps(provenance)
+
+    def _stage_hashes(self, writing: str) -> dict[str, str]:
+        return {name: self.provenance(name)["sha256"] for name in self.stages() if name != writing}
+
+    def _json(self, stage: str, name: str) -> dict[str, Any]:
+        with self._stage(stage) as group:
+            values: dict[str, Any] = json.loads(group[name].asstr()[()])
+            return values
+
+    @contextmanager
+    def _stage(self, stage: str) -> Iterator[h5py.Group]:
+        advice = f"make it with '{MADE_BY[stage]}'" if stage in MADE_BY else "look at its stages"
+        if not self.path.exists():
+            raise PolfuseError(f"there is no such products file (stage '{stage}')", where=str(self.path), advice=advice)
+        with self._open() as file:
+            if stage not in file:
+                present = ", ".join(file) or "none"
+                raise PolfuseError(f"has no stage '{stage}' (present: {present})", where=str(self.path), advice=advice)
+            yield file[stage]
+
+    @contextmanager
+    def _open(self) -> Iterator[h5py.File]:
+        try:
+            file = h5py.File(self.path, "r")
+        except BlockingIOError as error:
+            raise PolfuseError(
+                "is open for writing in another program", where=str(self.path), advice="close it there and try again"
+            ) from error
+        except OSError as error:
+            raise PolfuseError(
+                f"cannot be read as HDF5 ({str(error).splitlines()[0]})",
+                where=str(self.path),
+                advice="check that it is a products file, or make it again with 'polfuse focus'",
+            ) from error
+        with file:
+            if file.attrs.get("schema") != SCHEMA:
+                raise PolfuseError(
+                    f"is no products file (schema {file.attrs.get('schema')!r})",
+                    where=str(self.path),
+                    advice="give the file that 'polfuse focus' wrote",
+                )
+            if int(file.attrs["version"]) > VERSION:
+                raise PolfuseError(
+                    f"was written by a newer program (version {file.attrs['version']}, known: {VERSION})",
+                    where=str(self.path),
+                    advice="update polfuse-lab",
+                )
+            yield file
