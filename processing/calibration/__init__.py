@@ -1,0 +1,1 @@
+"""Calibration targets, calibration constants and polarimetric imbalance."""

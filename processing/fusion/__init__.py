@@ -1,0 +1,1 @@
+"""SAR and camera together: registration, fused features, classes, separability, anomalies."""

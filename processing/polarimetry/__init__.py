@@ -1,0 +1,1 @@
+"""Scattering matrices in polarimetric bases: Pauli and lexicographic vectors, canonical targets."""
