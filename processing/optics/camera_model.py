@@ -1,0 +1,139 @@
+"""A pinhole camera in rig coordinates, shared by rendering and by registration.
+
+Image coordinates: ``u`` counts columns to the right and ``v`` rows downwards; pixel centres have whole numbers, and
+the optical axis passes through ``((width_px - 1) / 2, (height_px - 1) / 2)``. The camera looks along +y, depressed
+towards the ground, with its rows parallel to the rail. Lens distortion is not modelled.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from processing.errors import DataError
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """An ideal perspective camera.
+
+    Args:
+        focal_length_m: focal length, m.
+        pixel_pitch_m: distance of neighbouring pixels on the sensor, m.
+        width_px: columns.
+        height_px: rows.
+        position_m: entrance pupil in rig coordinates (x along the rail, y away, z up), m.
+        depression_rad: angle of the optical axis below horizontal, radians.
+
+    Raises:
+        DataError: a size, pitch or focal length that is not positive, or a direction that is not finite.
+    """
+
+    focal_length_m: float
+    pixel_pitch_m: float
+    width_px: int
+    height_px: int
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    depression_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        sizes = (self.focal_length_m, self.pixel_pitch_m, self.width_px, self.height_px)
+        if not all(math.isfinite(size) and size > 0 for size in sizes):
+            raise DataError(
+                f"focal length, pixel pitch, width and height of the camera are {sizes}",
+                "give positive numbers in the rig file's [camera]",
+            )
+        if len(self.position_m) != 3 or not all(math.isfinite(x) for x in (*self.position_m, self.depression_rad)):
+            raise DataError(
+                f"the camera stands at {self.position_m} with depression {self.depression_rad} rad",
+                "give three finite coordinates and a finite angle in the rig file's [camera]",
+            )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.height_px, self.width_px
+
+    @property
+    def focal_length_px(self) -> float:
+        """Focal length in pixels: the pixel's angular size is its reciprocal."""
+        return self.focal_length_m / self.pixel_pitch_m
+
+    @property
+    def principal_point(self) -> tuple[float, float]:
+        """(u, v) of the optical axis."""
+        return (self.width_px - 1) / 2, (self.height_px - 1) / 2
+
+    @property
+    def axes(self) -> Floats:
+        """(3, 3): unit vectors to the right, down and forward, one a row, in rig coordinates."""
+        sine, cosine = math.sin(self.depression_rad), math.cos(self.depression_rad)
+        return np.array([[1.0, 0.0, 0.0], [0.0, -sine, -cosine], [0.0, cosine, -sine]])
+
+    def project(self, xyz_m: ArrayLike) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Image of points in the world.
+
+        Args:
+            xyz_m: (..., 3) points in rig coordinates, m.
+
+        Returns:
+            ``u``, ``v`` (pixels, NaN for points that are not in front of the camera) and ``in_front``, each of shape
+            (...). A point may be in front of the camera and yet outside its frame; see :meth:`inside`.
+
+        Raises:
+            DataError: the last axis does not hold three coordinates.
+        """
+        points = np.asarray(xyz_m, dtype=np.float64)
+        if points.ndim == 0 or points.shape[-1] != 3:
+            raise DataError(f"points have shape {points.shape}", "give x, y and z along the last axis")
+        local = (points - np.asarray(self.position_m)) @ self.axes.T
+        depth = local[..., 2]
+        # A point nearer than a pixel's pitch is at the pupil itself and has no image.
+        in_front = depth > self.pixel_pitch_m
+        safe = np.where(in_front, depth, np.nan)
+        u0, v0 = self.principal_point
+        u = u0 + self.focal_length_px * local[..., 0] / safe
+        v = v0 + self.focal_length_px * local[..., 1] / safe
+        return u, v, in_front
+
+    def inside(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.bool_]:
+        """Whether image coordinates lie on the sensor (on or within its outermost pixels' edges); NaN does not."""
+        column, row = np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64)
+        on_sensor: NDArray[np.bool_] = (
+            (column >= -0.5) & (column <= self.width_px - 0.5) & (row >= -0.5) & (row <= self.height_px - 0.5)
+        )
+        return on_sensor
+
+    def rays(self, u: ArrayLike | None = None, v: ArrayLike | None = None) -> Floats:
+        """Unit vectors from the pupil through image points, in rig coordinates.
+
+        Args:
+            u: columns; without them every pixel's centre is taken.
+            v: rows, of a shape that broadcasts with ``u``.
+
+        Returns:
+            (..., 3); for every pixel (height_px, width_px, 3).
+        """
+        if u is None or v is None:
+            u, v = np.meshgrid(np.arange(self.width_px), np.arange(self.height_px))
+        column, row = np.broadcast_arrays(np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64))
+        u0, v0 = self.principal_point
+        local = np.stack([(column - u0), (row - v0), np.full(column.shape, self.focal_length_px)], axis=-1)
+        local /= np.linalg.norm(local, axis=-1, keepdims=True)
+        directions: Floats = local @ self.axes
+        return directions
+
+    def on_plane(self, u: ArrayLike, v: ArrayLike, z_m: float) -> Floats:
+        """Where the rays through image points meet the horizontal plane ``z = z_m``: (..., 3), NaN where they do not."""
+        directions = self.rays(u, v)
+        height = z_m - self.position_m[2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = height / directions[..., 2]
+        distance = np.where(np.isfinite(distance) & (distance > 0), distance, np.nan)
+        points: Floats = np.asarray(self.position_m) + distance[..., None] * directions
+        return points
