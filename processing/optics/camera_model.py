@@ -129,7 +129,7 @@ class Pinhole:
         return directions
 
     def on_plane(self, u: ArrayLike, v: ArrayLike, z_m: float) -> Floats:
-        """Where the rays through image points meet the horizontal plane ``z = z_m``: (..., 3), NaN where they do not."""
+        """Points (..., 3) where rays through image points meet the plane ``z = z_m``; NaN where they do not."""
         directions = self.rays(u, v)
         height = z_m - self.position_m[2]
         with np.errstate(divide="ignore", invalid="ignore"):
