@@ -1,0 +1,111 @@
+"""Clocks: from pairs of readings to a line between a device's clock and the host's, and how well it holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class ClockFit:
+    """``t_host_ns = reference_host_ns + 1e9 * (offset_s + rate * (t_device_s - reference_device_s))``."""
+
+    device: str
+    reference_device_s: float
+    reference_host_ns: int
+    offset_s: float
+    rate: float
+    """Host seconds for one second of the device (1 + drift)."""
+    residual_rms_s: float
+    """The sync uncertainty: rms of the residuals over n - 2, or half the longest round trip for fewer than 4 pairs."""
+    pairs: int
+    rejected: int
+    """Pairs left out as outliers."""
+
+    def host_ns(self, t_device_s: float) -> int:
+        """The host's monotonic nanoseconds at a reading of the device's clock."""
+        return self.reference_host_ns + round(
+            1e9 * (self.offset_s + self.rate * (t_device_s - self.reference_device_s))
+        )
+
+    @property
+    def drift_ppm(self) -> float:
+        """How much faster the host's clock runs than the device's, parts per million."""
+        return (self.rate - 1) * 1e6
+
+
+def fit_clock(
+    device: str,
+    t_device_s: NDArray[np.float64],
+    t_host_ns: NDArray[np.int64],
+    round_trip_ns: NDArray[np.int64],
+) -> ClockFit | None:
+    """Fit a line through pairs of clock readings, robustly.
+
+    A straight line by least squares, each pair weighted by its round trip, after leaving out pairs further than 4
+    robust standard deviations (1.4826 times the median absolute deviation) from the line of Theil and Sen.
+
+    Args:
+        device: its name.
+        t_device_s: (n,) readings of the device's clock, s.
+        t_host_ns: (n,) readings of the host's clock at the middle of each exchange, ns.
+        round_trip_ns: (n,) length of each exchange, ns.
+
+    Returns:
+        The fit, or None without any pair. With fewer than 4 pairs (or no spread of times) the residuals say nothing,
+        and the uncertainty is half the longest round trip.
+    """
+    n = len(t_device_s)
+    if n == 0:
+        return None
+    x0, y0 = float(t_device_s[0]), int(t_host_ns[0])
+    x: NDArray[np.float64] = np.asarray(t_device_s, dtype=np.float64) - x0
+    y: NDArray[np.float64] = (np.asarray(t_host_ns, dtype=np.int64) - y0) * 1e-9
+    half_trip = float(np.max(round_trip_ns)) * 0.5e-9
+    if n < 2 or np.ptp(x) <= 0:
+        return ClockFit(device, x0, y0, float(np.median(y - x)), 1.0, half_trip, n, 0)
+    rate = _theil_sen(x, y)
+    offset = float(np.median(y - rate * x))
+    if n < 4:
+        return ClockFit(device, x0, y0, offset, rate, half_trip, n, 0)
+    residual = np.abs(y - offset - rate * x)
+    scale = 1.4826 * float(np.median(residual))
+    # Rounding of the readings keeps a perfect line from rejecting everything but its two ends.
+    keep = residual <= max(4 * scale, 2e-9)
+    if keep.sum() < 3 or np.ptp(x[keep]) <= 0:
+        keep[:] = True
+    weight = 1 / np.maximum(np.asarray(round_trip_ns, dtype=np.float64)[keep] * 1e-9, 1e-6)
+    rate, offset = (float(value) for value in np.polyfit(x[keep], y[keep], 1, w=weight))
+    left = y[keep] - offset - rate * x[keep]
+    rms = float(np.sqrt(np.sum(left**2) / (keep.sum() - 2)))
+    return ClockFit(device, x0, y0, offset, rate, rms, n, int(n - keep.sum()))
+
+
+def _theil_sen(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+    """Median slope of all pairs of points (at most 400 points are paired, evenly picked)."""
+    if len(x) > 400:
+        pick = np.linspace(0, len(x) - 1, 400).round().astype(int)
+        x, y = x[pick], y[pick]
+    i, j = np.triu_indices(len(x), 1)
+    dx = x[j] - x[i]
+    apart = dx != 0
+    return float(np.median((y[j] - y[i])[apart] / dx[apart]))
+
+
+def fit_clocks(clocks: NDArray[np.void]) -> dict[str, ClockFit]:
+    """One fit for each device in a session's table of clock fixes."""
+    fits = {}
+    for name in np.unique(clocks["device"]):
+        rows = clocks[clocks["device"] == name]
+        fit = fit_clock(name.decode(), rows["t_device_s"], rows["t_host_ns"], rows["round_trip_ns"])
+        if fit is not None:
+            fits[fit.device] = fit
+    return fits
+
+
+def sync_rms_s(clocks: NDArray[np.void]) -> float | None:
+    """Sync uncertainty of a session, s: the largest over its devices; None where no device has a clock."""
+    fits = fit_clocks(clocks).values()
+    return max((fit.residual_rms_s for fit in fits), default=None)

@@ -1,0 +1,275 @@
+"""Read a session file: complete, being written at this moment, or left by a writer that was killed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import h5py
+import hdf5plugin  # noqa: F401 - registers the filters that audio and images are stored with
+import numpy as np
+from numpy.typing import NDArray
+
+from polfuse_lab.errors import PolfuseError
+from polfuse_lab.rig import Rig, Waveform, parse_model
+from polfuse_lab.session import layout
+from polfuse_lab.session.naming import partial_path
+
+if TYPE_CHECKING:
+    from polfuse_lab.plans import Plan
+
+Table = NDArray[np.void]
+
+
+def open_session(path: Path | str) -> Session:
+    """Open a session for reading.
+
+    Raises:
+        PolfuseError: there is no such file, it is not a session, it is of a newer version, or it is damaged.
+    """
+    path = Path(path)
+    file = _open(path)
+    try:
+        schema = file.attrs.get("schema")
+        version = int(file.attrs.get("version", 0))
+        if schema != layout.SCHEMA:
+            raise PolfuseError(
+                "is an HDF5 file but not a PolFuse session", where=str(path), advice="check the file's name"
+            )
+        if version > layout.VERSION:
+            raise PolfuseError(
+                f"is of session version {version}, newer than {layout.VERSION} which this program knows",
+                where=str(path),
+                advice="update PolFuse Lab",
+            )
+        return Session(path, file)
+    except PolfuseError:
+        file.close()
+        raise
+    except (OSError, RuntimeError, KeyError, ValueError) as error:
+        file.close()
+        raise _damaged(path, error) from error
+
+
+def _open(path: Path) -> h5py.File:
+    if not path.is_file():
+        partial = partial_path(path)
+        if partial.is_file():
+            raise PolfuseError(
+                "does not exist, but its .partial does: the collect did not end, or is under way",
+                where=str(path),
+                advice=f"run 'polfuse recover {partial} -o {path}' once nobody writes it",
+            )
+        raise PolfuseError("does not exist", where=str(path), advice="check the file's name")
+    try:
+        return h5py.File(path, "r", locking="best-effort")
+    except PermissionError as error:
+        raise PolfuseError("may not be read", where=str(path), advice="check its permissions") from error
+    except (OSError, RuntimeError):
+        # A file that is being written, or was left by a killed writer, carries a flag that only SWMR readers accept.
+        try:
+            return h5py.File(path, "r", swmr=True, locking="best-effort")
+        except (OSError, RuntimeError) as error:
+            raise _damaged(path, error) from error
+
+
+def _damaged(path: Path, error: Exception) -> PolfuseError:
+    return PolfuseError(
+        f"is not a readable HDF5 file ({_first_line(error)})",
+        where=str(path),
+        advice="it may be cut short or not a session; use another copy",
+    )
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+class Session:
+    """An open session. Tables are read when first used; :meth:`refresh` reads what has been added since.
+
+    Rows whose samples or image never reached the file (the writer was killed between the two) are left out, and
+    counted by :attr:`missing_records`.
+    """
+
+    def __init__(self, path: Path, file: h5py.File) -> None:
+        self.path = path
+        self.schema = f"{layout.SCHEMA}/{int(file.attrs['version'])}"
+        """Schema and version, ``"polfuse-session/1"``."""
+        self._file = file
+        self.config: dict[str, Any] = json.loads(bytes(file["config"][:]))
+        """The snapshot taken before the first record (see :mod:`polfuse_lab.session.layout`)."""
+        self._state = file["state"][0]
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file. Idempotent."""
+        self._file.close()
+
+    def refresh(self) -> None:
+        """Forget the tables read so far, so that records added meanwhile are seen (for a file being written)."""
+        for name in ("state", "audio", "images", *layout.TABLES):
+            if name in self._file and self._file.swmr_mode:
+                self._file[name].id.refresh()
+        self._state = self._file["state"][0]
+        for name in layout.TABLES:
+            self.__dict__.pop(name, None)
+
+    @property
+    def state(self) -> str:
+        """``"finished"``, ``"aborted"``, ``"failed"``, ``"engine lost"``; ``"recording"`` when it was never closed."""
+        return bytes(self._state["state"]).decode()
+
+    @property
+    def reason(self) -> str:
+        """Why it ended so, one sentence."""
+        return bytes(self._state["reason"]).decode()
+
+    @property
+    def samples_lost(self) -> int:
+        """Audio frames known to be lost, as counted at the end (or from the records where there was no end)."""
+        if self.state == "recording":
+            return int(self.sweeps["lost"].sum())
+        return int(self._state["samples_lost"])
+
+    @property
+    def frames_lost(self) -> int:
+        """Camera frames known to be lost or incomplete."""
+        if self.state == "recording":
+            return int(self.frames["lost_before"].sum() + self.frames["incomplete"].sum())
+        return int(self._state["frames_lost"])
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything that was to be recorded is here: finished, closed cleanly, no record missing."""
+        return self.state == "finished" and self.missing_records == 0
+
+    @property
+    def rig_toml(self) -> str | None:
+        """Text of the rig file, None for foreign recordings."""
+        text: str | None = self.config["rig_toml"]
+        return text
+
+    @property
+    def plan_toml(self) -> str | None:
+        """Text of the plan file, None for foreign recordings."""
+        text: str | None = self.config["plan_toml"]
+        return text
+
+    @cached_property
+    def rig(self) -> Rig | None:
+        """The rig, None for foreign recordings. Raises :class:`PolfuseError` where this version cannot read it."""
+        return None if self.rig_toml is None else parse_model(self.rig_toml, Rig, f"{self.path}:rig.toml")
+
+    @cached_property
+    def plan(self) -> Plan | None:
+        """The plan, None for foreign recordings. Raises :class:`PolfuseError` where this version cannot read it."""
+        from polfuse_lab.plans import Plan
+
+        return None if self.plan_toml is None else parse_model(self.plan_toml, Plan, f"{self.path}:plan.toml")
+
+    @cached_property
+    def waveform(self) -> Waveform:
+        """The radar's ramp."""
+        return Waveform.model_validate(self.config["waveform"])
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """Nominal sample rate of the audio, Hz."""
+        return float(self.config["sample_rate_hz"])
+
+    @cached_property
+    def sweeps(self) -> Table:
+        """One row for each audio record, dtype :data:`polfuse_lab.session.layout.SWEEPS`."""
+        rows = self._table("sweeps")
+        return rows[rows["first_sample"] + rows["samples"] <= self._rows("audio")]
+
+    @cached_property
+    def frames(self) -> Table:
+        """One row for each camera frame, dtype :data:`polfuse_lab.session.layout.FRAMES`."""
+        return self._table("frames")[: self._rows("images")]
+
+    @property
+    def missing_records(self) -> int:
+        """Rows of tables left out since what they point at is not in the file."""
+        found = len(self.sweeps) + len(self.frames)
+        return self._rows("sweeps") + self._rows("frames") - found
+
+    @cached_property
+    def trolley(self) -> Table:
+        """Trolley fixes: x_m, sd_m, moving, t_host_ns, state."""
+        return self._table("trolley")
+
+    @cached_property
+    def switches(self) -> Table:
+        """Switch states: transmit, receive, verified, t_host_ns."""
+        return self._table("switches")
+
+    @cached_property
+    def polarizer(self) -> Table:
+        """Polarizer fixes: angle_rad, sd_rad, moving, t_host_ns."""
+        return self._table("polarizer")
+
+    @cached_property
+    def clocks(self) -> Table:
+        """Clock fixes: device, t_device_s, t_host_ns, round_trip_ns."""
+        return self._table("clocks")
+
+    @cached_property
+    def notes(self) -> Table:
+        """The operator's notes: text (UTF-8), t_host_ns."""
+        return self._table("notes")
+
+    @cached_property
+    def events(self) -> Table:
+        """What the scheduler did and noticed: kind, text (UTF-8), t_host_ns."""
+        return self._table("events")
+
+    def audio(self, index: int) -> NDArray[Any]:
+        """Samples of audio record ``index``: (samples, channels), exactly as sampled.
+
+        Raises:
+            IndexError: there is no such record.
+            PolfuseError: its samples cannot be read from the file.
+        """
+        row = self.sweeps[_index(index, self.sweeps, "audio record")]
+        first = int(row["first_sample"])
+        return self._read("audio", slice(first, first + int(row["samples"])), f"audio record {index}")
+
+    def frame(self, index: int) -> NDArray[Any]:
+        """Image of frame ``index``: (rows, columns), counts as delivered by the camera. Raises as :meth:`audio`."""
+        return self._read("images", _index(index, self.frames, "frame"), f"frame {index}")
+
+    def _table(self, name: str) -> Table:
+        return np.asarray(self._read(name, slice(None), f"table {name}"))
+
+    def _rows(self, name: str) -> int:
+        return int(self._file[name].shape[0]) if name in self._file else 0
+
+    def _read(self, name: str, selection: slice | int, what: str) -> NDArray[Any]:
+        try:
+            values: NDArray[Any] = self._file[name][selection]
+        except (OSError, RuntimeError, KeyError) as error:
+            raise PolfuseError(
+                f"{what} cannot be read ({_first_line(error)})",
+                where=str(self.path),
+                advice="the file is damaged there; use another copy",
+            ) from error
+        return values
+
+
+def _index(index: int, rows: Sequence[Any] | Table, what: str) -> int:
+    if not -len(rows) <= index < len(rows):
+        raise IndexError(f"{what} {index} of {len(rows)}")
+    return index % len(rows)

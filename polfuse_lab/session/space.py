@@ -1,0 +1,116 @@
+"""Room on the disk: asked for before, watched during, and a reserve that lets a full disk's file close cleanly."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import shutil
+from pathlib import Path
+from typing import BinaryIO
+
+from polfuse_lab.errors import PolfuseError
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+MEGABYTE = 1_000_000
+
+
+def free_bytes(path: Path) -> int:
+    """Bytes that an ordinary user may still write to the file system that holds ``path``."""
+    return shutil.disk_usage(path if path.is_dir() else path.parent).free
+
+
+def require_free(path: Path, needed: int) -> None:
+    """Check that ``needed`` bytes can be written beside ``path``.
+
+    Raises:
+        PolfuseError: there are fewer; says how many.
+    """
+    free = free_bytes(path)
+    if free < needed:
+        raise PolfuseError(
+            f"needs about {needed / MEGABYTE:.0f} MB and the disk has {free / MEGABYTE:.0f} MB left",
+            where=str(path),
+            advice="free some space or write to another disk",
+        )
+
+
+def is_disk_full(error: BaseException) -> bool:
+    """Whether an error of h5py means that the disk (or quota) is full; HDF5 tells it in its text only."""
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return True
+    text = str(error).lower()
+    return any(f"errno = {number}" in text for number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)) or (
+        "no space left" in text or "quota exceeded" in text
+    )
+
+
+class Ballast:
+    """A file of random bytes beside the session, deleted when the disk is full so that the session can be closed.
+
+    While it is held it is locked, which tells others that the session's writer lives.
+    """
+
+    def __init__(self, path: Path, size: int) -> None:
+        self.path = path
+        self._size = size
+        self._file: BinaryIO | None = None
+
+    def take(self) -> None:
+        """Write the file. Raises :class:`PolfuseError` where there is no room for it."""
+        try:
+            self._file = open(self.path, "wb")  # noqa: SIM115 - held, and locked, as long as the session is written
+            _lock(self._file)
+            # Random bytes: a file system that compresses or leaves holes must hold them all the same.
+            left = self._size
+            while left > 0:
+                left -= self._file.write(os.urandom(min(left, 1 << 20)))
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            self.free()
+            raise PolfuseError(
+                f"cannot be written ({error.strerror})",
+                where=str(self.path),
+                advice="free some space, check permissions, or write to another disk",
+            ) from error
+
+    def free(self) -> None:
+        """Delete the file. Idempotent; never raises."""
+        if self._file is None:
+            return
+        with contextlib.suppress(OSError):
+            self._file.close()
+        self._file = None
+        with contextlib.suppress(OSError):
+            self.path.unlink(missing_ok=True)
+
+
+def ballast_path(session: Path) -> Path:
+    """Where the ballast of a session is."""
+    return session.with_name(f".{session.name}.ballast")
+
+
+def in_use(ballast: Path) -> bool:
+    """Whether the writer of the session with this ballast lives (always False where files cannot be locked)."""
+    if fcntl is None or not ballast.is_file():
+        return False
+    with open(ballast, "rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+    return False
+
+
+def _lock(file: BinaryIO) -> None:
+    if fcntl is not None:
+        # A file system without locks: the writer goes unannounced, and nothing else suffers.
+        with contextlib.suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,0 +1,105 @@
+"""What is inside a session, and whether it is whole."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.records import Channel
+from polfuse_lab.clocks import fit_clocks, sync_rms_s
+from polfuse_lab.errors import PolfuseError
+from polfuse_lab.records import SweepFlag
+from polfuse_lab.session.reader import Session, open_session
+
+
+def info(path: Path | str) -> dict[str, Any]:
+    """Summarise a session.
+
+    Returns:
+        ``schema``, ``complete``, ``state``, ``reason``, ``source``, ``positions``, ``channels``, ``sweeps`` (audio
+        records), ``frames``, ``samples_lost``, ``frames_lost``, ``duration_s``, ``sync_rms_s``, ``clock_drift_ppm``
+        by device, and ``problems``, sentences that say what is missing or doubtful (empty for a sound session).
+
+    Raises:
+        PolfuseError: the file cannot be read as a session.
+    """
+    with open_session(path) as session:
+        sweeps = session.sweeps
+        return {
+            "schema": session.schema,
+            "complete": session.complete,
+            "state": session.state,
+            "reason": session.reason,
+            "source": session.config["source"],
+            "positions": len(np.unique(sweeps["position"])),
+            "channels": [channel.name for channel in Channel if channel in sweeps["channel"]],
+            "sweeps": len(sweeps),
+            "frames": len(session.frames),
+            "samples_lost": session.samples_lost,
+            "frames_lost": session.frames_lost,
+            "duration_s": duration_s(session),
+            "sync_rms_s": sync_rms_s(session.clocks),
+            "clock_drift_ppm": {name: fit.drift_ppm for name, fit in fit_clocks(session.clocks).items()},
+            "problems": problems(session),
+        }
+
+
+def duration_s(session: Session) -> float:
+    """Seconds from the first sample or frame to the end of the last."""
+    starts = [session.sweeps["t_host_ns"], session.frames["t_host_ns"]]
+    ends = [
+        session.sweeps["t_host_ns"] + (session.sweeps["samples"] * (1e9 / session.sample_rate_hz)).astype(np.int64),
+        session.frames["t_host_ns"] + (session.frames["exposure_s"] * 1e9).astype(np.int64),
+    ]
+    start, end = np.concatenate(starts), np.concatenate(ends)
+    return float(end.max() - start.min()) * 1e-9 if len(start) else 0.0
+
+
+def problems(session: Session) -> list[str]:
+    """What is missing or doubtful in a session, one sentence each."""
+    found = []
+    sweeps, frames = session.sweeps, session.frames
+    if session.state == "recording":
+        found.append("the file was never closed: it is being written, or was left by a crash (see 'polfuse recover')")
+    elif session.state != "finished":
+        found.append(f"the collect ended as '{session.state}': {session.reason or 'no reason was stored'}")
+    if session.missing_records:
+        found.append(f"{session.missing_records} records point at data that are not in the file")
+    if not len(sweeps) and not len(frames):
+        found.append("there is no record in it")
+    found.extend(_missing_from_plan(session))
+    for flag, text in (
+        (SweepFlag.LOST, "lost audio frames and were taken again or given up"),
+        (SweepFlag.OVERFLOW, "carry the audio device's overflow flag"),
+        (SweepFlag.SWITCH_CHANGED, "ended with the switches in another state than they began"),
+    ):
+        count = int(np.count_nonzero(sweeps["flags"] & int(flag)))
+        if count:
+            found.append(f"{count} audio records {text}")
+    incomplete = int(frames["incomplete"].sum())
+    if incomplete:
+        found.append(f"{incomplete} camera frames are incomplete")
+    return found
+
+
+def _missing_from_plan(session: Session) -> list[str]:
+    try:
+        plan = session.plan
+    except PolfuseError as error:
+        return [f"its plan cannot be read by this version ({error.what})"]
+    if plan is None:
+        return []
+    good = session.sweeps[(session.sweeps["flags"] & int(SweepFlag.LOST)) == 0]
+    have = {(int(row["position"]), int(row["channel"])) for row in good}
+    want = {(p, int(Channel[name])) for p in range(len(plan.positions_m)) for name in plan.channels}
+    found = []
+    if want - have:
+        found.append(f"{len(want - have)} of {len(want)} planned position-channel records are missing")
+    if plan.optics is not None:
+        planned = len(plan.optics.angles_deg) * plan.optics.frames_per_angle
+        taken = int(np.count_nonzero(~session.frames["dark"]))
+        if taken < planned:
+            found.append(f"{planned - taken} of {planned} planned camera frames are missing")
+    return found

@@ -1,0 +1,307 @@
+"""Write a session file. In a collect this runs in a process of its own; importers use it directly."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.records import ClockFix, PolarizerFix, SwitchState, TrolleyFix
+from polfuse_lab.errors import PolfuseError
+from polfuse_lab.records import Event, Exposure, Note, Record, Sweeps
+from polfuse_lab.session import layout
+from polfuse_lab.session.layout import SessionConfig
+from polfuse_lab.session.naming import check_free_name, move_without_replacing, partial_path, taken
+from polfuse_lab.session.space import Ballast, ballast_path, free_bytes, is_disk_full, require_free
+
+MIN_BALLAST_BYTES = 2_000_000
+
+
+class SessionWriter:
+    """An open session file. Not thread-safe. Use :meth:`create`."""
+
+    def __init__(self, path: Path, partial: Path, file: h5py.File, ballast: Ballast, config: SessionConfig) -> None:
+        self.path = path
+        """Name of the file once it is closed cleanly."""
+        self.partial = partial
+        """Name of the file while it is written."""
+        self.samples_lost = 0
+        self.frames_lost = 0
+        self.records = 0
+        self._file: h5py.File | None = file
+        self._ballast = ballast
+        self._config = config
+        self._tables = {name: file[name] for name in layout.TABLES if name in file}
+        self._audio = file["audio"]
+        self._images = file.get("images")
+
+    @classmethod
+    def create(
+        cls,
+        path: Path | str,
+        config: SessionConfig,
+        *,
+        expected_bytes: int = 0,
+        ballast_bytes: int | None = None,
+    ) -> SessionWriter:
+        """Declare every dataset of a new session and begin to write it as ``<path>.partial``.
+
+        Args:
+            path: the file's name when it is finished; neither it nor its ``.partial`` may exist.
+            config: what is known before the first record.
+            expected_bytes: size that the finished file may reach; checked against the free space.
+            ballast_bytes: reserve for closing on a full disk; by default four of the largest blocks, at least 2 MB.
+
+        Raises:
+            PolfuseError: the file exists, its folder does not, or there is too little room.
+        """
+        path = Path(path)
+        partial = partial_path(path)
+        check_free_name(path)
+        size = max(MIN_BALLAST_BYTES, 4 * config.largest_block_bytes) if ballast_bytes is None else ballast_bytes
+        require_free(path, expected_bytes + size)
+        ballast = Ballast(ballast_path(path), size)
+        ballast.take()
+        try:
+            file = _declare(partial, config)
+        except FileExistsError as error:
+            ballast.free()
+            raise taken(partial) from error
+        except (OSError, RuntimeError, PolfuseError) as error:
+            ballast.free()
+            partial.unlink(missing_ok=True)
+            if isinstance(error, PolfuseError):
+                raise
+            raise PolfuseError(
+                f"cannot be created ({error})", where=str(partial), advice="check the folder and its permissions"
+            ) from error
+        return cls(path, partial, file, ballast, config)
+
+    def write(self, record: Record) -> None:
+        """Append a record. It is safe from a crash of the process once :meth:`flush` has returned.
+
+        Raises:
+            PolfuseError: the disk is full (the session has then been closed cleanly, without this record), the record
+                does not fit the session's configuration, or the session is closed.
+        """
+        self._open_file()
+        try:
+            self._append(record)
+        except (OSError, RuntimeError) as error:
+            self._fail(error)
+        self.records += 1
+
+    def flush(self, *, durable: bool = False) -> int:
+        """Give everything to the operating system, or with ``durable`` to the disk; return the free bytes there.
+
+        Raises:
+            PolfuseError: the disk is full; the session has been closed cleanly.
+        """
+        file = self._open_file()
+        try:
+            file.flush()
+            if durable:
+                os.fsync(file.id.get_vfd_handle())
+        except (OSError, RuntimeError) as error:
+            self._fail(error)
+        free = free_bytes(self.partial)
+        if free < 2 * self._config.largest_block_bytes:
+            # Rather now, in good order, than in the middle of the next record.
+            self._fail(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
+        return free
+
+    def close(self, state: str = "finished", reason: str = "") -> Path:
+        """End the session and give it its final name.
+
+        Args:
+            state: ``"finished"``, ``"aborted"``, ``"failed"`` or ``"engine lost"``.
+            reason: one sentence.
+
+        Returns:
+            The file's name: that asked for, or with a number added where a file of that name has appeared meanwhile.
+
+        Raises:
+            PolfuseError: closing failed; the data are in the ``.partial`` file, to be recovered.
+        """
+        file = self._file
+        if file is None:
+            return self.path
+        self._file = None
+        self._ballast.free()
+        try:
+            self._end(file, state, reason)
+        except (OSError, RuntimeError) as error:
+            raise PolfuseError(
+                f"could not be closed ({error})",
+                where=str(self.partial),
+                advice=f"free some space, then run 'polfuse recover {self.partial.name} -o NEW.h5'",
+            ) from error
+        self.path = move_without_replacing(self.partial, self.path)
+        return self.path
+
+    def __enter__(self) -> SessionWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            self.close()
+        elif self._file is not None:
+            self.close("failed", str(error) or kind.__name__ if kind else "")
+
+    def _open_file(self) -> h5py.File:
+        if self._file is None:
+            raise PolfuseError("is closed", where=str(self.path), advice="write to a new session")
+        return self._file
+
+    def _end(self, file: h5py.File, state: str, reason: str) -> None:
+        row = np.zeros(1, layout.STATE)
+        row["state"] = layout.encode_text(state, 32)
+        row["reason"] = layout.encode_text(reason)
+        row["end_unix_s"] = time.time()
+        row["end_host_ns"] = time.monotonic_ns()
+        row["samples_lost"] = self.samples_lost
+        row["frames_lost"] = self.frames_lost
+        file["state"][:] = row
+        file.flush()
+        with contextlib.suppress(OSError):
+            os.fsync(file.id.get_vfd_handle())
+        file.close()
+
+    def _fail(self, error: Exception) -> None:
+        full = is_disk_full(error)
+        what = "the disk is full" if full else f"writing failed ({error})"
+        advice = "free some space and collect again" if full else "check the disk"
+        saved = self.close("failed", what)
+        raise PolfuseError(
+            f"{what}; everything before that is kept in {saved.name}", where=str(saved), advice=advice
+        ) from error
+
+    def _append(self, record: Record) -> None:
+        match record:
+            case Sweeps():
+                self._append_sweeps(record)
+            case Exposure():
+                self._append_exposure(record)
+            case TrolleyFix(x_m, sd_m, moving, t_host_ns, state):
+                self._row("trolley", (x_m, sd_m, moving, t_host_ns, layout.encode_text(state, 32)))
+            case SwitchState(transmit, receive, verified, t_host_ns):
+                self._row("switches", (transmit.encode(), receive.encode(), verified, t_host_ns))
+            case PolarizerFix(angle_rad, sd_rad, moving, t_host_ns):
+                self._row("polarizer", (angle_rad, sd_rad, moving, t_host_ns))
+            case ClockFix(device, t_device_s, t_host_ns, round_trip_ns):
+                self._row("clocks", (layout.encode_text(device, 32), t_device_s, t_host_ns, round_trip_ns))
+            case Note(text, t_host_ns):
+                for piece in layout.split_text(text):
+                    self._row("notes", (piece, t_host_ns))
+            case Event(kind, text, t_host_ns):
+                self._row("events", (layout.encode_text(kind, 32), layout.encode_text(text), t_host_ns))
+
+    def _append_sweeps(self, record: Sweeps) -> None:
+        block = record.block
+        samples = self._checked_samples(block.samples)
+        chunk = self._audio.chunks[0]
+        # Each record begins at a chunk's first row, so that no compressed chunk is ever written twice.
+        first = -(-self._audio.shape[0] // chunk) * chunk
+        self._audio.resize(first + len(samples), axis=0)
+        self._audio[first:] = samples
+        self._row(
+            "sweeps",
+            (
+                first,
+                len(samples),
+                int(record.channel),
+                record.position,
+                record.x_m,
+                record.x_sd_m,
+                record.sweeps_requested,
+                record.attempt,
+                block.t_host_ns,
+                block.t_device_s,
+                block.first_frame,
+                block.lost_frames,
+                int(record.flags),
+            ),
+        )
+        self.samples_lost += block.lost_frames
+
+    def _append_exposure(self, record: Exposure) -> None:
+        frame = record.frame
+        if self._images is None:
+            raise self._misfit("it was declared without a camera and a frame arrived")
+        shape = self._images.shape[1:]
+        if frame.image.shape != shape or not np.can_cast(frame.image.dtype, self._images.dtype, "safe"):
+            raise self._misfit(
+                f"a frame of {frame.image.shape} {frame.image.dtype} arrived where {shape} {self._images.dtype}"
+                " was declared"
+            )
+        number = self._tables["frames"].shape[0]
+        self._images.resize(number + 1, axis=0)
+        self._images[number] = frame.image
+        self._row(
+            "frames",
+            (
+                record.angle_rad,
+                record.angle_sd_rad,
+                frame.exposure_s,
+                frame.gain_db,
+                frame.frame_id,
+                frame.t_host_ns,
+                frame.t_device_s,
+                frame.incomplete,
+                record.dark,
+                frame.lost_before,
+                record.attempt,
+            ),
+        )
+        self.frames_lost += frame.lost_before + int(frame.incomplete)
+
+    def _checked_samples(self, samples: NDArray[np.generic]) -> NDArray[Any]:
+        channels = self._audio.shape[1]
+        if samples.ndim != 2 or samples.shape[1] != channels or samples.dtype != self._audio.dtype:
+            raise self._misfit(
+                f"an audio block of {samples.shape} {samples.dtype} arrived where (frames, {channels})"
+                f" {self._audio.dtype} was declared"
+            )
+        return samples
+
+    def _misfit(self, what: str) -> PolfuseError:
+        return PolfuseError(what, where=str(self.partial), advice="declare it in the session's configuration")
+
+    def _row(self, table: str, values: tuple[Any, ...]) -> None:
+        dataset = self._tables[table]
+        number = dataset.shape[0]
+        dataset.resize(number + 1, axis=0)
+        dataset[number] = np.array(values, dtype=dataset.dtype)
+
+
+def _declare(partial: Path, config: SessionConfig) -> h5py.File:
+    # Bounds of HDF5 1.10: the first that knows SWMR, and the one that most other programs can read.
+    file = h5py.File(partial, "x", libver=("v110", "v110"))
+    try:
+        file.attrs["schema"] = layout.SCHEMA
+        file.attrs["version"] = layout.VERSION
+        file.create_dataset("config", data=np.frombuffer(layout.snapshot(config), dtype=np.uint8))
+        state = np.zeros(1, layout.STATE)
+        state["state"] = b"recording"
+        file.create_dataset("state", data=state)
+        layout.declare_audio(file, config.audio_channels, config.sample_dtype, config.chunk_frames)
+        if config.frame_shape is not None:
+            layout.declare_images(file, config.frame_shape, config.frame_dtype)
+        for name in layout.TABLES:
+            layout.declare_table(file, name)
+        file.flush()
+        file.swmr_mode = True
+    except BaseException:
+        file.close()
+        raise
+    return file
