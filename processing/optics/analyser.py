@@ -113,5 +113,5 @@ def least_squares(matrix: Floats, weights: ArrayLike | None = None, *, limit: fl
     root = np.sqrt(np.ones(matrix.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64))
     if root.shape != (matrix.shape[0],) or not np.all(root > 0) or not np.all(np.isfinite(root)):
         raise DataError("weights of the polarizer angles are not all positive", "give each angle the frames it has")
-    solution: Floats = np.linalg.pinv(root[:, None] * matrix) * root
+    solution: Floats = np.asarray(np.linalg.pinv(root[:, None] * matrix) * root, dtype=np.float64)
     return solution
