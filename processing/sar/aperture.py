@@ -1,0 +1,198 @@
+"""The synthetic aperture: windows along it, which pulses count, how evenly they stand, and what the antennas saw."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import windows
+
+from processing.errors import DataError
+from processing.radar.antenna import boresight, one_way_gain
+from processing.radar.profiles import RangeProfiles
+from processing.sar.grid import ImageGrid
+
+APERTURE_WINDOWS = ("rectangular", "hann", "taylor")
+
+
+def aperture_window(name: str, positions: int) -> NDArray[np.float64]:
+    """Weights along the aperture, (positions,), largest 1, none of them 0.
+
+    ``"hann"`` has its zeros one step outside the aperture, so that no position is wasted; ``"taylor"`` has four
+    nearly equal side lobes at -35 dB.
+
+    Raises:
+        DataError: there is no window of that name.
+    """
+    if name == "rectangular":
+        return np.ones(positions)
+    if name == "hann":
+        weights: NDArray[np.float64] = windows.hann(positions + 2)[1:-1]
+        return weights
+    if name == "taylor":
+        return np.asarray(windows.taylor(positions, nbar=4, sll=35, norm=False), dtype=np.float64)
+    raise DataError(f"there is no aperture window called {name!r}", f"choose one of {', '.join(APERTURE_WINDOWS)}")
+
+
+@dataclass(frozen=True)
+class Pulses:
+    """Checked input of image formation: the pulses that count, without their missing values."""
+
+    values: NDArray[np.complexfloating]
+    """(channels, pulses, bins); 0 where a channel has no profile at that position."""
+    weights: NDArray[np.float64]
+    """(channels, pulses); 0 where a channel has no profile at that position."""
+    antenna_m: NDArray[np.float64]
+    """(pulses, 3)."""
+
+
+def usable_pulses(profiles: RangeProfiles, weights: NDArray[np.floating] | None = None) -> Pulses:
+    """Check profiles and leave out what does not count.
+
+    A profile that is NaN throughout is a position that its channel missed: it gets weight 0 in that channel. Single
+    NaN samples stay and make the pixels that touch them NaN. Positions without weight in any channel are dropped.
+
+    Args:
+        profiles: range profiles of one or more channels.
+        weights: (positions,) window along the aperture, finite and not negative; all ones where left out.
+
+    Raises:
+        DataError: shapes disagree, positions or ranges are not finite, the range axis is not uniform, values are
+            infinite, or a channel has no weighted profile at all.
+    """
+    values = np.asarray(profiles.values)
+    if values.ndim != 3 or not values.size:
+        raise DataError(
+            f"range profiles have shape {values.shape}", "give (channels, positions, bins), none of them empty"
+        )
+    channels, positions, bins = values.shape
+    antenna = np.asarray(profiles.antenna_m, dtype=np.float64)
+    if antenna.shape != (positions, 3) or not np.isfinite(antenna).all():
+        raise DataError(
+            f"{positions} positions need {positions} finite antenna places, found an array of shape {antenna.shape}",
+            "record the trolley's position with every profile",
+        )
+    axis = np.asarray(profiles.range_m, dtype=np.float64)
+    if axis.shape != (bins,) or bins < 2 or not np.isfinite(axis).all() or profiles.range_step_m <= 0:
+        raise DataError(f"the range axis does not fit {bins} bins", "give one finite, increasing range for each bin")
+    if np.abs(axis - np.linspace(axis[0], axis[-1], bins)).max() > 1e-6 * profiles.range_step_m * bins:
+        raise DataError("the range axis is not uniform", "resample the profiles to equal steps")
+    if np.isinf(values).any():
+        raise DataError("range profiles hold infinite values", "range the session again, or leave those positions out")
+    window = np.ones(positions) if weights is None else np.asarray(weights, dtype=np.float64)
+    if window.shape != (positions,) or not np.isfinite(window).all() or (window < 0).any():
+        raise DataError(
+            f"the aperture's weights do not fit {positions} positions", "give one finite weight >= 0 for each"
+        )
+    present = ~np.isnan(values).all(axis=2)
+    effective = np.where(present, window, 0.0)
+    for name, total in zip(profiles.channels, effective.sum(axis=1), strict=True):
+        if total <= 0:
+            raise DataError(f"channel {name} has no profile with any weight", "collect it again, or leave it out")
+    used = effective.max(axis=0) > 0
+    kept = np.where((effective[:, used] > 0)[..., None], values[:, used], 0)
+    return Pulses(kept, effective[:, used], antenna[used])
+
+
+@dataclass(frozen=True)
+class EvenTrack:
+    """A straight track along x with equal steps."""
+
+    first_m: float
+    """x of the first sample."""
+    step_m: float
+    """Distance from one sample to the next, > 0."""
+    index: NDArray[np.intp]
+    """(positions,) sample at which each position stands; samples between may be missing."""
+    y_m: float
+    z_m: float
+    residual_m: float
+    """Root mean square distance of the true positions from the even ones."""
+
+
+def even_track(antenna_m: NDArray[np.float64], *, tolerance: float = 0.01) -> EvenTrack:
+    """Fit equal steps along x to a track, allowing for missed positions.
+
+    Args:
+        antenna_m: (positions, 3) places of the antenna, in any order.
+        tolerance: largest deviation of any position from the fit, as a fraction of the step.
+
+    Raises:
+        DataError: fewer than two places, or positions that deviate more than the tolerance.
+    """
+    advice = "focus by back-projection, which takes positions as they are"
+    x = antenna_m[:, 0]
+    order = np.argsort(x, kind="stable")
+    gaps = np.diff(x[order])
+    if not gaps.size or gaps.max() <= 0:
+        raise DataError(f"{len(x)} positions at one place are no aperture along the rail", advice)
+    step = float(np.median(gaps))
+    if step <= 0:
+        raise DataError("positions are repeated", advice)
+    index = np.empty(len(x), dtype=np.intp)
+    index[order] = np.rint((x[order] - x[order[0]]) / step).astype(np.intp)
+    if len(np.unique(index)) < len(index):
+        raise DataError("positions are repeated or uneven", advice)
+    slope, first = np.polyfit(index, x, 1)
+    y, z = float(np.mean(antenna_m[:, 1])), float(np.mean(antenna_m[:, 2]))
+    away = antenna_m - np.column_stack([first + slope * index, np.full(len(x), y), np.full(len(x), z)])
+    worst = float(np.linalg.norm(away, axis=1).max())
+    if worst > tolerance * slope:
+        raise DataError(
+            f"positions deviate up to {1000 * worst:.2g} mm from a straight rail with steps of {1000 * slope:.4g} mm "
+            f"(range migration allows {100 * tolerance:g} % of a step)",
+            advice,
+        )
+    return EvenTrack(float(first), float(slope), index, y, z, float(np.sqrt(np.mean(away**2) * 3)))
+
+
+def two_way_gain(
+    antenna_m: NDArray[np.float64], grid: ImageGrid, beamwidth_rad: float, depression_rad: float
+) -> NDArray[np.float64]:
+    """Two-way amplitude pattern, (ny, nx), from one place (3,) of antennas that look along +y and down."""
+    away = [
+        np.broadcast_to(grid.x_m[None, :] - antenna_m[0], grid.shape),
+        np.broadcast_to(grid.y_m[:, None] - antenna_m[1], grid.shape),
+        np.full(grid.shape, grid.z_m - antenna_m[2]),
+    ]
+    distance = np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
+    axis = boresight(depression_rad)
+    along = axis[0] * away[0] + axis[1] * away[1] + axis[2] * away[2]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        cosine = np.where(distance > 0, along / distance, 0.0)
+    return one_way_gain(cosine, beamwidth_rad)
+
+
+def alias_free_angle_rad(step_m: float, wavelength_m: float) -> float:
+    """Largest angle from broadside, rad, that is seen without a grating lobe: ``asin(wavelength / (4 step))``.
+
+    The two-way phase turns by ``4 pi step sin(angle) / wavelength`` from one position to the next and is ambiguous
+    beyond half a turn. Steps of a quarter wavelength or less give pi/2: no grating lobes at all.
+
+    Raises:
+        DataError: step or wavelength are not positive.
+    """
+    if not (step_m > 0 and wavelength_m > 0):
+        raise DataError(
+            f"a step of {step_m:g} m at a wavelength of {wavelength_m:g} m has no aperture", "give positive lengths"
+        )
+    return math.asin(min(wavelength_m / (4 * step_m), 1.0))
+
+
+def grating_lobe_warning(step_m: float, wavelength_m: float, antenna_m: NDArray[np.float64], grid: ImageGrid) -> str:
+    """One sentence where part of the grid is beyond the alias-free angle, else an empty string."""
+    limit = alias_free_angle_rad(step_m, wavelength_m)
+    nearest = max(float(np.min(grid.y_m)) - float(np.mean(antenna_m[:, 1])), 0.0)
+    down = float(np.mean(antenna_m[:, 2])) - grid.z_m
+    aside = max(
+        float(np.max(grid.x_m) - np.min(antenna_m[:, 0])), float(np.max(antenna_m[:, 0]) - np.min(grid.x_m)), 0.0
+    )
+    widest = math.atan2(aside, math.hypot(nearest, down))
+    if limit >= math.pi / 2 or widest <= limit:
+        return ""
+    return (
+        f"steps of {step_m:.4g} m are {step_m / wavelength_m:.2f} wavelengths: beyond {math.degrees(limit):.0f} degrees "
+        f"from broadside (the image reaches {math.degrees(widest):.0f}) bright targets leave grating lobes"
+    )
