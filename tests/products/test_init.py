@@ -1,0 +1,85 @@
+"""Example rigs and plans: they load, and they are the thesis's."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from polfuse_lab.errors import PolfuseError
+from polfuse_lab.plans import load_plan
+from polfuse_lab.rig import load_rig
+from polfuse_lab.rig.examples import write_examples
+
+
+@pytest.mark.parametrize("by_hand", [False, True])
+def test_the_files_load(tmp_path: Path, by_hand: bool) -> None:
+    written = write_examples(tmp_path / "new" / "rig", by_hand=by_hand)
+    rig = load_rig(written["rig"])
+    assert (rig.trolley.driver == "by_hand") is by_hand
+    assert load_plan(written["sky"]).kind == "sky"
+    plan = load_plan(written["plan"])
+    # Thesis 5.5: 10 ft in steps of 2 in; table 6.2: the camera; c / 2B of 80 MHz.
+    assert len(plan.positions_m) == 61
+    assert plan.positions_m[-1] - plan.positions_m[0] == pytest.approx(10 * 0.3048, abs=1e-12)
+    assert max(plan.positions_m) <= rig.trolley.length_m / 2
+    assert rig.waveform.range_resolution_m == pytest.approx(1.8737, abs=1e-4)
+    assert rig.camera is not None
+    assert (rig.camera.width_px, rig.camera.height_px) == (782, 582)
+
+
+@pytest.mark.parametrize("name", ["rig.toml", "rig_by_hand.toml", "plan.toml", "sky.toml"])
+def test_every_field_is_explained_in_the_file(name: str) -> None:
+    import polfuse_lab.rig.examples as examples
+
+    for line in (Path(examples.__file__).parent / name).read_text(encoding="utf-8").splitlines():
+        if re.match(r"\w+ = ", line) and not line.startswith("name"):
+            assert re.search(r"\S\s+# \S", line), f"{name}: no comment in {line!r}"
+
+
+def test_every_field_of_the_model_is_shown() -> None:
+    import polfuse_lab.rig.examples as examples
+    from polfuse_lab.plans import Plan
+    from polfuse_lab.rig import Rig
+
+    folder = Path(examples.__file__).parent
+    rig = tomllib.loads((folder / "rig.toml").read_text(encoding="utf-8"))
+    for section, field in Rig.model_fields.items():
+        inner = getattr(field.annotation, "model_fields", {})
+        assert set(inner) <= set(rig[section]) if inner else section in rig
+    plan = tomllib.loads((folder / "plan.toml").read_text(encoding="utf-8"))
+    assert set(plan) == set(Plan.model_fields)
+
+
+def test_nothing_is_overwritten_unless_told(tmp_path: Path) -> None:
+    written = write_examples(tmp_path)
+    written["plan"].write_text("mine", encoding="utf-8")
+    written["rig"].unlink()
+    with pytest.raises(PolfuseError, match=r"holds plan\.toml, sky\.toml already.*--force"):
+        write_examples(tmp_path)
+    assert written["plan"].read_text(encoding="utf-8") == "mine"
+    assert not written["rig"].exists()
+    write_examples(tmp_path, force=True)
+    assert load_plan(written["plan"]).kind == "rail_sar"
+
+
+def test_a_directory_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(PolfuseError, match="cannot be written"):
+        write_examples(tmp_path / "file" / "rig")
+
+
+def test_the_command(tmp_path: Path) -> None:
+    run = [sys.executable, "-c", "from polfuse_lab.cli import main; main()", "init", str(tmp_path / "r"), "--json"]
+    first = subprocess.run(run, capture_output=True, text=True, timeout=60)
+    assert first.returncode == 0, first.stderr
+    assert Path(json.loads(first.stdout)["rig"]).is_file()
+    second = subprocess.run(run, capture_output=True, text=True, timeout=60)
+    assert (second.returncode, second.stdout) == (1, "")
+    assert second.stderr.count("\n") == 1
+    assert "already" in second.stderr
