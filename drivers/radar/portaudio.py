@@ -1,0 +1,145 @@
+"""PortAudio, loaded when it is needed and with the environment that the rig asks for.
+
+PortAudio reads its environment and lists the devices once, when it is initialised. So it is initialised for the first
+port that opens and terminated with the last one that closes; a device plugged in between is found.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+from drivers.errors import DeviceError, DeviceRefused, DeviceTimeout
+
+Result = TypeVar("Result")
+
+ALLOWED_PREFIXES = ("ALSA_", "PULSE_", "JACK_")
+ALLOWED_NAMES = ("XDG_RUNTIME_DIR",)
+
+_lock = threading.Lock()
+_users = 0
+_environment: dict[str, str] = {}
+
+
+def check_environment(environment: Mapping[str, str]) -> None:
+    """Refuse variables that are not about sound.
+
+    Raises:
+        DeviceRefused: a name is not ``ALSA_*``, ``PULSE_*``, ``JACK_*`` or ``XDG_RUNTIME_DIR``.
+    """
+    for name in environment:
+        if not name.startswith(ALLOWED_PREFIXES) and name not in ALLOWED_NAMES:
+            raise DeviceRefused(
+                f"the environment variable {name} is not one of ALSA_*, PULSE_*, JACK_*, XDG_RUNTIME_DIR",
+                where="radar.options.environment",
+                advice="remove it from the rig file",
+            )
+
+
+def acquire(environment: Mapping[str, str]) -> Any:
+    """The initialised ``sounddevice`` module. Each call is matched by one of :func:`release`.
+
+    Raises:
+        DeviceError: PortAudio is not installed or does not start.
+        DeviceRefused: another open port needs a different environment.
+    """
+    global _users
+    check_environment(environment)
+    with _lock:
+        if _users and dict(environment) != _environment:
+            raise DeviceRefused(
+                "another audio port of this process is open with a different environment",
+                where="radar.options.environment",
+                advice="close that port first",
+            )
+        if not _users:
+            _environment.clear()
+            _environment.update(environment)
+            os.environ.update(environment)
+            # Merely listing the devices would otherwise start a JACK server of its own.
+            os.environ.setdefault("JACK_NO_START_SERVER", "1")
+        sounddevice = _initialised()
+        _users += 1
+        return sounddevice
+
+
+def release(*, stuck: bool = False) -> None:
+    """Give PortAudio back; the last one out terminates it. ``stuck``: a call into it hangs, so leave it alone."""
+    global _users
+    with _lock:
+        _users = max(_users - 1, 0)
+        sounddevice: Any = sys.modules.get("sounddevice")
+        if sounddevice is None:
+            return
+        if stuck:
+            # Its exit handler would terminate PortAudio and so wait for the hanging call for ever.
+            sounddevice._initialized = 0
+        elif not _users:
+            with contextlib.suppress(Exception):
+                while sounddevice._initialized:
+                    sounddevice._terminate()
+
+
+def _initialised() -> Any:
+    try:
+        loaded = "sounddevice" in sys.modules
+        sounddevice: Any = importlib.import_module("sounddevice")
+        if loaded and not _users:
+            # The present device list was made with another environment, or before the device was plugged in.
+            while sounddevice._initialized:
+                sounddevice._terminate()
+        if not sounddevice._initialized:
+            sounddevice._initialize()
+    except ImportError as error:
+        raise DeviceError(
+            "the Python package sounddevice is missing",
+            where="radar audio port",
+            advice=f"install it with 'pip install sounddevice' ({error})",
+        ) from error
+    except OSError as error:
+        raise DeviceError(
+            f"the PortAudio library is missing ({error})",
+            where="radar audio port",
+            advice="install it: 'apt-get install libportaudio2' on Debian, 'brew install portaudio' on macOS",
+        ) from error
+    except Exception as error:
+        raise DeviceError(
+            f"PortAudio does not start ({error})",
+            where="radar audio port",
+            advice="check that the sound server runs and that no other program holds the sound card",
+        ) from error
+    return sounddevice
+
+
+def bounded(call: Callable[[], Result], timeout_s: float, what: str, where: str) -> Result:
+    """Result of ``call``, which may hang inside a sound server's library; its exceptions pass through.
+
+    Raises:
+        DeviceTimeout: it did not return in time (its thread is left behind: nothing can end it).
+    """
+    outcome: list[Result] = []
+    failure: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            outcome.append(call())
+        except BaseException as error:
+            failure.append(error)
+
+    thread = threading.Thread(target=run, name="portaudio-call", daemon=True)
+    thread.start()
+    thread.join(timeout_s)
+    if thread.is_alive():
+        raise DeviceTimeout(
+            f"{what} did not finish in {timeout_s:g} s",
+            where=where,
+            advice="the sound server hangs: restart it, or unplug the sound card and plug it in again",
+        )
+    if failure:
+        raise failure[0]
+    return outcome[0]

@@ -1,0 +1,386 @@
+"""The radar's stereo audio port on any sound card that PortAudio reaches.
+
+Callback mode only: PortAudio's blocking read drops samples silently. The callback copies into a ring and returns;
+everything else happens when the port is polled.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
+from drivers.radar import portaudio
+from drivers.radar.devices import find_device
+from drivers.radar.ring import SampleRing
+from drivers.radar.signal_level import level_of, refuse_dead
+from drivers.radar.stream_clock import StreamClock
+from drivers.records import AudioBlock, ClockFix, Identity, Level
+
+CHANNELS = 2
+SETTLE_TIMEOUT_S = 4.0
+SETTLE_SPAN_S = 0.4
+SETTLE_SPREAD_S = 0.008
+
+
+@dataclass
+class _Request:
+    """A record being collected: frames as received from ``first`` on; ``skipped`` were overwritten before they came."""
+
+    first: int
+    samples: NDArray[np.generic]
+    filled: int = 0
+    skipped: int = 0
+
+
+class SoundPort:
+    """The audio port as a :class:`drivers.contracts.Radar`. Safe to use from several threads."""
+
+    @dataclass(frozen=True)
+    class Options:
+        """Settings of the audio port."""
+
+        __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
+
+        device: str = ""
+        """Name of the sound card, or a part of it that only one has; empty for the system's default."""
+        sample_rate_hz: float = 48_000.0
+        """Sample rate, Hz."""
+        sample_format: Literal["int16", "int32", "float32"] = "int16"
+        """Sample type; samples are stored exactly as delivered."""
+        block_frames: int = 480
+        """Frames per callback; 0 leaves it to PortAudio."""
+        latency_s: float = 0.1
+        """Buffer asked of the sound system, s; longer survives longer pauses of the computer, and delivers later."""
+        guard_s: float = 0.06
+        """Frames sampled less than this after a record was asked for are discarded, s; above the path's least delay."""
+        stall_timeout_s: float = 2.0
+        """Time without any sample after which the port counts as stalled, s."""
+        open_timeout_s: float = 8.0
+        """Time that the sound system may take to open or close the port, s."""
+        ring_s: float = 8.0
+        """Samples kept while nobody asks for them, s."""
+        check_pace: bool = True
+        """Compare the frame count with the host's clock. False only for file devices, which know no time."""
+        environment: Mapping[str, str] = field(default_factory=dict)
+        """Environment of the sound system: ALSA_*, PULSE_*, JACK_*, XDG_RUNTIME_DIR."""
+
+    def __init__(self, options: Options) -> None:
+        portaudio.check_environment(options.environment)
+        for name in ("sample_rate_hz", "latency_s", "stall_timeout_s", "open_timeout_s", "ring_s"):
+            if not 0 < getattr(options, name) < 1e6:
+                self._refuse_option(name, getattr(options, name), "a positive number")
+        if not 0 <= options.guard_s < 10:
+            self._refuse_option("guard_s", options.guard_s, "0 to 10 s")
+        if not 0 <= options.block_frames <= 65_536:
+            self._refuse_option("block_frames", options.block_frames, "0 to 65536")
+        self._options = options
+        self._where = f"radar audio port {options.device!r}" if options.device else "radar audio port"
+        self._lock = threading.RLock()
+        self._stream: Any = None
+        self._stuck = False
+        self._ring = SampleRing(1, CHANNELS, options.sample_format)
+        self._clock = StreamClock(options.sample_rate_hz)
+        self._next_arrival = 0
+        self._ended = threading.Event()
+        self._request: _Request | None = None
+
+    def _refuse_option(self, name: str, found: object, allowed: str) -> None:
+        raise DeviceRefused(
+            f"{name} is {found!r}, allowed: {allowed}", where="radar.options", advice="correct the rig file"
+        )
+
+    # -- opening and closing ------------------------------------------------------------------------------------------
+
+    def open(self) -> Identity:
+        """Open the stream and wait until its pace is known.
+
+        Raises:
+            DeviceError: PortAudio is missing.
+            DeviceRefused: no such device, it is mono, it does not do the rate, or it runs at another rate.
+            DeviceTimeout: no samples come, or the sound system hangs.
+        """
+        with self._lock:
+            if self._stream is not None:
+                raise DeviceRefused("is open already", where=self._where, advice="close it first")
+            sounddevice = portaudio.acquire(self._options.environment)
+            try:
+                device = find_device(sounddevice, self._options.device, self._options.sample_rate_hz, self._where)
+                self._start(sounddevice, device.index)
+                self._settle()
+            except BaseException:
+                if self._stream is None:
+                    portaudio.release(stuck=self._stuck)
+                self.close()
+                raise
+            return Identity("radar", "sounddevice", device.name, device.detail)
+
+    def _start(self, sounddevice: Any, index: int) -> None:
+        options = self._options
+        capacity = max(int(options.ring_s * options.sample_rate_hz), 4 * options.block_frames, 4096)
+        self._ring = ring = SampleRing(capacity, CHANNELS, options.sample_format)
+        self._clock = StreamClock(options.sample_rate_hz, paced=options.check_pace)
+        self._next_arrival = 0
+        self._request = None
+        self._ended = ended = threading.Event()
+
+        def arrived(samples: NDArray[np.generic], frames: int, times: Any, status: Any) -> None:
+            host_ns = time.monotonic_ns()
+            age_s = times.currentTime - times.inputBufferAdcTime if times.inputBufferAdcTime > 0 else float("nan")
+            ring.write(samples, host_ns, age_s, bool(status.input_overflow))
+
+        def start() -> Any:
+            stream = sounddevice.InputStream(
+                device=index,
+                samplerate=options.sample_rate_hz,
+                channels=CHANNELS,
+                dtype=options.sample_format,
+                blocksize=options.block_frames,
+                latency=options.latency_s,
+                clip_off=True,
+                dither_off=True,
+                callback=arrived,
+                finished_callback=ended.set,
+            )
+            try:
+                stream.start()
+            except BaseException:
+                stream.close()
+                raise
+            return stream
+
+        try:
+            self._stream = portaudio.bounded(start, options.open_timeout_s, "opening the audio port", self._where)
+        except DeviceTimeout:
+            self._stuck = True
+            raise
+        except sounddevice.PortAudioError as error:
+            raise DeviceRefused(
+                f"cannot be opened at {options.sample_rate_hz:g} Hz, {CHANNELS} channels, {options.sample_format} "
+                f"({error.args[0] if error.args else error})",
+                where=self._where,
+                advice="choose a rate and format that the sound card has, and close other programs that use it",
+            ) from error
+
+    def _settle(self) -> None:
+        """Wait until the backlog of the start is gone and the pace agrees with the host's clock."""
+        rate = self._options.sample_rate_hz
+        deadline = time.monotonic() + SETTLE_TIMEOUT_S
+        while True:
+            time.sleep(0.01)
+            arrivals, following = self._ring.arrivals(0)
+            if not self._options.check_pace and arrivals:
+                break
+            newest_ns = arrivals[-1].host_ns if arrivals else 0
+            recent = [a for a in arrivals if newest_ns - a.host_ns < SETTLE_SPAN_S * 1e9]
+            if arrivals and newest_ns - arrivals[0].host_ns >= SETTLE_SPAN_S * 1e9:
+                least = [np.inf] * 4
+                for a in recent:
+                    quarter = 3 - int(4 * (newest_ns - a.host_ns) / (SETTLE_SPAN_S * 1e9))
+                    late_s = (a.host_ns - newest_ns) * 1e-9 - (a.first + a.frames) / rate
+                    least[quarter] = min(least[quarter], late_s)
+                if max(least) - min(least) < SETTLE_SPREAD_S:
+                    arrivals = recent
+                    break
+            self._require_running()
+            if time.monotonic() > deadline:
+                self._refuse_pace([a for a in arrivals if newest_ns - a.host_ns < 2e9])
+        for arrival in arrivals:
+            self._clock.add(arrival)
+        self._next_arrival = following
+
+    def _refuse_pace(self, arrivals: list[Any]) -> None:
+        if len(arrivals) < 2:
+            raise DeviceTimeout(
+                f"delivers no samples ({SETTLE_TIMEOUT_S:g} s)",
+                where=self._where,
+                advice="check that the sound card records: input selected, not muted, not held by another program",
+            )
+        frames = arrivals[-1].first + arrivals[-1].frames - arrivals[0].first - arrivals[0].frames
+        seconds = max((arrivals[-1].host_ns - arrivals[0].host_ns) * 1e-9, 1e-9)
+        raise DeviceRefused(
+            f"delivers {frames / seconds:.0f} samples a second, not {self._options.sample_rate_hz:.0f}",
+            where=self._where,
+            advice="set radar.sample_rate_hz to the rate at which the sound card really runs",
+        )
+
+    def close(self) -> None:
+        """Release the sound card. Idempotent; never raises."""
+        with self._lock:
+            stream, self._stream, self._request = self._stream, None, None
+            if stream is None:
+                return
+            try:
+                portaudio.bounded(
+                    lambda: stream.close(ignore_errors=True), self._options.open_timeout_s, "closing", self._where
+                )
+            except DeviceTimeout:
+                self._stuck = True
+            except Exception as error:
+                print(f"{self._where}: closing failed ({error})", file=sys.stderr)
+            portaudio.release(stuck=self._stuck)
+
+    def make_safe(self) -> None:
+        """Forget the record asked for; a listening port has nothing else to make safe."""
+        self.cancel()
+
+    # -- records ------------------------------------------------------------------------------------------------------
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """Nominal sample rate of the open stream, Hz."""
+        return self._options.sample_rate_hz
+
+    @property
+    def lost_frames(self) -> int:
+        """Frames known to be lost since the stream was opened."""
+        with self._lock:
+            with contextlib.suppress(DeviceError):
+                self._take_in()
+            return self._clock.lost
+
+    def begin(self, frames: int) -> None:
+        """Ask for ``frames`` contiguous frames, sampled at least ``guard_s`` after this call.
+
+        Raises:
+            DeviceRefused: ``frames`` is not positive or does not fit into memory, or a record is under way.
+            DeviceLost, DeviceTimeout: the port is gone or stalled.
+        """
+        now_ns = time.monotonic_ns()
+        with self._lock:
+            if self._request is not None:
+                raise DeviceRefused("a record is under way", where=self._where, advice="cancel it first")
+            if frames <= 0:
+                raise DeviceRefused(f"a record of {frames} frames", where=self._where, advice="ask for one or more")
+            self._take_in()
+            if self._options.check_pace:
+                first = self._clock.first_frame_after(now_ns + round(self._options.guard_s * 1e9))
+            else:
+                first = self._ring.written
+            try:
+                samples = np.zeros((frames, CHANNELS), dtype=self._options.sample_format)
+            except (MemoryError, ValueError):
+                raise DeviceRefused(
+                    f"a record of {frames} frames does not fit into memory",
+                    where=self._where,
+                    advice="record fewer sweeps at a time",
+                ) from None
+            self._request = _Request(first, samples)
+
+    def poll(self) -> AudioBlock | None:
+        """The record asked for, once it is whole and it is known whether frames are missing in it; else None.
+
+        Raises:
+            DeviceLost: the sound card is gone.
+            DeviceTimeout: no sample came for ``stall_timeout_s``.
+        """
+        with self._lock:
+            request = self._request
+            if request is None:
+                return None
+            self._take_in()
+            self._collect(request)
+            end = request.first + request.skipped + len(request.samples)
+            if request.filled < len(request.samples) or self._clock.confirmed < end:
+                return None
+            self._request = None
+            clock, rate = self._clock, self._options.sample_rate_hz
+            counted = request.first + clock.lost_before(request.first)
+            return AudioBlock(
+                samples=request.samples,
+                sample_rate_hz=rate,
+                first_frame=counted,
+                t_device_s=counted / rate,
+                t_host_ns=clock.arrival_ns(request.first),
+                lost_frames=clock.lost_within(request.first, end) + request.skipped,
+                overflow=clock.flagged_within(request.first, end),
+            )
+
+    def cancel(self) -> None:
+        """Forget the record asked for."""
+        with self._lock:
+            self._request = None
+
+    def _collect(self, request: _Request) -> None:
+        """Move what has arrived from the ring into the record."""
+        while request.filled < len(request.samples):
+            following = request.first + request.skipped + request.filled
+            frames = min(self._ring.written - following, len(request.samples) - request.filled)
+            if frames <= 0:
+                return
+            piece = self._ring.read(following, frames)
+            if piece is None:
+                # Nobody polled for longer than the ring holds: those frames are missing inside the record.
+                request.skipped += max(self._ring.oldest + self._ring.capacity // 4 - following, 1)
+                continue
+            request.samples[request.filled : request.filled + frames] = piece
+            request.filled += frames
+
+    def _take_in(self) -> None:
+        """Hand new arrivals to the clock; raise when the stream has ended or stalled."""
+        if self._stream is None:
+            raise DeviceLost("is not open", where=self._where, advice="open it first")
+        arrivals, self._next_arrival = self._ring.arrivals(self._next_arrival)
+        for arrival in arrivals:
+            self._clock.add(arrival)
+        self._require_running()
+
+    def _require_running(self) -> None:
+        if self._ended.is_set() or not self._stream.active:
+            raise DeviceLost(
+                "the sound card stopped delivering: it was unplugged or its sound server ended",
+                where=self._where,
+                advice="plug it in again and reopen the port",
+            )
+        last = self._ring.last_ns
+        if last is not None and time.monotonic_ns() - last > self._options.stall_timeout_s * 1e9:
+            raise DeviceTimeout(
+                f"no sample for {self._options.stall_timeout_s:g} s",
+                where=self._where,
+                advice="the sound card or its server hangs: plug it in again, or restart the sound server",
+            )
+
+    # -- looking at the signal ----------------------------------------------------------------------------------------
+
+    def level(self) -> Level:
+        """Peak and rms of both channels over the last tenth of a second, as fractions of full scale."""
+        recent = self._recent(0.1)
+        return Level() if recent is None else level_of(recent)
+
+    def check_signal(self) -> None:
+        """Refuse what cannot be a radar's beat and sync, judged by the last fifth of a second.
+
+        Raises:
+            DeviceBadAnswer: one or both channels are silent, or both carry the same signal.
+            DeviceTimeout: nothing has been sampled yet.
+        """
+        recent = self._recent(0.2)
+        if recent is None:
+            raise DeviceTimeout("no samples yet", where=self._where, advice="try again in a second")
+        refuse_dead(recent, self._where)
+
+    def _recent(self, seconds: float) -> NDArray[np.generic] | None:
+        """The last samples; None before there are any."""
+        ring = self._ring
+        frames = min(int(seconds * self._options.sample_rate_hz), ring.written, ring.capacity // 2)
+        return ring.read(ring.written - frames, frames) if frames else None
+
+    def clock(self) -> ClockFix | None:
+        """The least delayed arrival of the last second: sample clock (frames, lost ones counted, over the nominal
+        rate) against the host's. The delay of that arrival lies between none and about one block.
+        """
+        with self._lock:
+            self._take_in()
+            frames, host_ns, block = self._clock.best_arrival
+            if not frames or not self._options.check_pace:
+                return None
+            rate = self._options.sample_rate_hz
+            return ClockFix("radar", frames / rate, host_ns, round(2 * block / rate * 1e9))

@@ -1,0 +1,172 @@
+"""When was each frame sampled, and are frames missing? Three witnesses: frame count, ADC time, the host's clock.
+
+Frames arrive late by a varying delay (buffers, scheduling), never early. So the host time at which frame n would
+arrive with the least delay is a straight line in n: the lower envelope of all arrivals. Two facts follow.
+
+* A frame's sampling instant is read from the line, not from its own callback, and is immune to bursts and stalls.
+* A stall that is caught up loses nothing; after a loss every later frame stays late by the same amount. When the
+  least lateness over a whole window stays above a threshold, that much is missing, whether or not the host API set its
+  overflow flag (PulseAudio never does).
+
+The ADC time, where its own jitter is small, refines the size of a loss; it never decides, since some host APIs report
+ADC times that are hundreds of milliseconds off.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+from drivers.radar.ring import Arrival
+
+LOSS_THRESHOLD_S = 0.008
+LOSS_WINDOW_S = 0.5
+DRIFT_WINDOW_S = 1.0
+ADC_JITTER_S = 0.0005
+
+
+@dataclass(frozen=True)
+class Loss:
+    """``frames`` missing within or just before the arrivals ``first`` to ``end`` (frames numbered as received)."""
+
+    first: int
+    end: int
+    frames: int
+
+
+class StreamClock:
+    """Follows one stream. Frames are numbered as received; ``lost`` says how many are missing besides."""
+
+    def __init__(self, sample_rate_hz: float, *, paced: bool = True) -> None:
+        self._rate = sample_rate_hz
+        self._paced = paced
+        self._origin_ns: float | None = None
+        self._reference_ns = 0
+        self._end = 0
+        self._confirmed = 0
+        self.losses: list[Loss] = []
+        self.lost = 0
+        self._suspect: Arrival | None = None
+        self._suspect_flagged = False
+        self._suspect_adc_jump_s = math.nan
+        self._least_late_s = math.inf
+        self._drift_from_ns = 0
+        self._drift_least_s = math.inf
+        self._flagged: deque[Arrival] = deque(maxlen=1024)
+        self._best: tuple[int, int, int] = (0, 0, 0)
+        self._last_adc: tuple[int, float] | None = None
+        self._adc_steps: deque[float] = deque(maxlen=64)
+
+    @property
+    def end(self) -> int:
+        """Frames received so far."""
+        return self._end
+
+    @property
+    def confirmed(self) -> int:
+        """Frames up to which every loss is known."""
+        return self._confirmed
+
+    @property
+    def started(self) -> bool:
+        """Whether anything has arrived."""
+        return self._origin_ns is not None
+
+    @property
+    def best_arrival(self) -> tuple[int, int, int]:
+        """(frames including lost ones, host ns, block frames) of the least delayed arrival of the last second."""
+        return self._best
+
+    def lost_before(self, frame: int) -> int:
+        """Frames missing before a received frame."""
+        return sum(loss.frames for loss in self.losses if loss.first <= frame)
+
+    def lost_within(self, first: int, end: int) -> int:
+        """Frames missing inside received frames ``first`` to ``end``; a loss at the border counts."""
+        return sum(loss.frames for loss in self.losses if loss.first < end and loss.end > first)
+
+    def flagged_within(self, first: int, end: int) -> bool:
+        """Whether the host API itself flagged an overflow in received frames ``first`` to ``end``."""
+        return any(a.first < end and a.first + a.frames > first for a in self._flagged)
+
+    def arrival_ns(self, frame: int) -> int:
+        """Host time at which a received frame arrives with the least delay."""
+        assert self._origin_ns is not None
+        return self._reference_ns + round(self._origin_ns + (frame + self.lost_before(frame)) / self._rate * 1e9)
+
+    def first_frame_after(self, t_ns: int) -> int:
+        """Number, as received, of the first frame sampled at or after host time ``t_ns``."""
+        assert self._origin_ns is not None
+        counted = math.ceil((t_ns - self._reference_ns - self._origin_ns) * 1e-9 * self._rate)
+        return max(counted - self.lost, 0)
+
+    def add(self, arrival: Arrival) -> None:
+        """Take note of one callback; callbacks come in order."""
+        self._end = end = arrival.first + arrival.frames
+        adc_jump_s = self._adc_jump(arrival)
+        if arrival.overflow:
+            self._flagged.append(arrival)
+        if self._origin_ns is None:
+            # Nanoseconds relative to the first arrival, so that a float holds them exactly.
+            self._reference_ns = self._drift_from_ns = arrival.host_ns
+            self._origin_ns = -end / self._rate * 1e9
+        if not self._paced:
+            self._confirmed = end
+            self._best = (end, arrival.host_ns, arrival.frames)
+            return
+        since_ns = arrival.host_ns - self._reference_ns
+        late_s = (since_ns - self._origin_ns) * 1e-9 - (end + self.lost) / self._rate
+        if late_s < 0:
+            self._origin_ns += late_s * 1e9
+            late_s = 0.0
+        if self._suspect is None and (late_s > LOSS_THRESHOLD_S or arrival.overflow):
+            self._suspect, self._suspect_flagged = arrival, arrival.overflow
+            self._suspect_adc_jump_s, self._least_late_s = adc_jump_s, math.inf
+        if self._suspect is not None:
+            self._judge(arrival, late_s)
+        if self._suspect is None:
+            self._confirmed = end
+            self._follow_drift(arrival, late_s)
+
+    def _judge(self, arrival: Arrival, late_s: float) -> None:
+        assert self._suspect is not None
+        self._suspect_flagged |= arrival.overflow
+        self._least_late_s = min(self._least_late_s, late_s)
+        if late_s <= LOSS_THRESHOLD_S and not self._suspect_flagged:
+            self._suspect = None  # it was only late
+        elif arrival.host_ns - self._suspect.host_ns >= LOSS_WINDOW_S * 1e9:
+            missing_s, jump_s = self._least_late_s, self._suspect_adc_jump_s
+            if abs(jump_s - missing_s) < LOSS_THRESHOLD_S:
+                missing_s = jump_s
+            frames = max(round(missing_s * self._rate), 1)
+            first, end = self._suspect.first, self._suspect.first + self._suspect.frames
+            self.losses.append(Loss(first, end, frames))
+            self.lost += frames
+            self._suspect = None
+
+    def _follow_drift(self, arrival: Arrival, late_s: float) -> None:
+        """Let the line rise when even the least late arrival of a second lies above it (a slow sound card)."""
+        assert self._origin_ns is not None
+        if late_s <= self._drift_least_s:
+            self._drift_least_s = late_s
+            self._best = (self._end + self.lost, arrival.host_ns, arrival.frames)
+        if arrival.host_ns - self._drift_from_ns >= DRIFT_WINDOW_S * 1e9:
+            self._origin_ns += 0.5 * self._drift_least_s * 1e9
+            self._drift_from_ns, self._drift_least_s = arrival.host_ns, math.inf
+
+    def _adc_jump(self, arrival: Arrival) -> float:
+        """How much more ADC time than frames passed since the last callback, s; NaN where ADC times are not clean."""
+        if math.isnan(arrival.adc_age_s):
+            self._last_adc = None
+            return math.nan
+        # Differences of integers first: the host's clock has too many digits for a float.
+        adc_ns = arrival.host_ns - round(arrival.adc_age_s * 1e9)
+        previous, self._last_adc = self._last_adc, (adc_ns, arrival.frames / self._rate)
+        if previous is None:
+            return math.nan
+        step_s = (adc_ns - previous[0]) * 1e-9 - previous[1]
+        clean = len(self._adc_steps) >= 16 and all(abs(step) < ADC_JITTER_S for step in self._adc_steps)
+        if not clean or abs(step_s) < ADC_JITTER_S:
+            self._adc_steps.append(step_s)
+        return step_s if clean else math.nan
