@@ -17,7 +17,7 @@ than about two resolution cells (Hann) are distorted; ``tests/ranging`` states b
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,7 +39,7 @@ class Sweeps:
     """Beat samples of whole up-ramps."""
 
     beat: NDArray[np.float64]
-    """(sweeps, samples) beat, in the recording's own counts or fractions of full scale."""
+    """(sweeps, samples) beat, as a fraction of full scale (see :func:`full_scale`)."""
     first: NDArray[np.float64]
     """(sweeps,) instant of the first sample after its ramp's start, samples (0 to 1)."""
     ramp_samples: float
@@ -83,8 +83,13 @@ def cut_sweeps(
     starts, index = starts[inside], index[inside]
     if not len(starts) or (count is not None and len(starts) < count):
         raise DataError("the last up-ramp is cut off", "record longer")
-    beat = samples[index[:, None] + np.arange(length), sync.beat_channel].astype(np.float64)
+    beat = samples[index[:, None] + np.arange(length), sync.beat_channel] / full_scale(samples.dtype)
     return Sweeps(beat, index - starts, ramp, sync.sample_rate_hz, starts / sync.sample_rate_hz)
+
+
+def full_scale(dtype: np.dtype[Any]) -> float:
+    """Counts of full scale of a sample type: 2^(bits - 1) for integers, 1 for floating point."""
+    return 2.0 ** (8 * dtype.itemsize - 1) if dtype.kind in "iu" else 1.0
 
 
 def range_axis(bandwidth_hz: float, max_range_m: float, oversampling: int = 8) -> NDArray[np.float64]:
@@ -98,7 +103,8 @@ def range_axis(bandwidth_hz: float, max_range_m: float, oversampling: int = 8) -
             f"bandwidth {bandwidth_hz} Hz, maximum range {max_range_m} m and oversampling {oversampling} do not make "
             "a range axis", "give positive ones")  # fmt: skip
     step = SPEED_OF_LIGHT_M_S / (2 * bandwidth_hz) / oversampling
-    return np.arange(int(np.ceil(max_range_m / step - 1e-9)) + 1) * step
+    axis: NDArray[np.float64] = np.arange(int(np.ceil(max_range_m / step - 1e-9)) + 1, dtype=np.float64) * step
+    return axis
 
 
 def unambiguous_range_m(bandwidth_hz: float, ramp_samples: float) -> float:

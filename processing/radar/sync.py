@@ -154,8 +154,8 @@ class _Ramps:
 
 def _check_channels(samples: NDArray[np.generic], values: NDArray[np.float64]) -> None:
     full_range = 2.0
-    if np.issubdtype(samples.dtype, np.integer):
-        full_range = float(np.iinfo(samples.dtype).max) - float(np.iinfo(samples.dtype).min)
+    if samples.dtype.kind in "iu":
+        full_range = 2.0 ** (8 * samples.dtype.itemsize)
     silent = [int(i) for i in range(2) if np.ptp(values[:, i]) <= _SILENT * full_range]
     if len(silent) == 2:
         raise DataError("both channels are silent", "check the radar's power, the cables and the input level")
@@ -240,7 +240,8 @@ def _level_window(nominal: float) -> tuple[int, int]:
 def _crossing(signal: NDArray[np.float64], index: int, nominal: float) -> float:
     """Instant of the edge that has reached its new level at ``index``.
 
-    The levels are medians of a few samples on both sides. Of several crossings (noise on a slow edge) the mean counts. Multiple of 1/65536 sample.
+    The levels are medians of a few samples on both sides. Of several crossings (noise on a slow edge) the mean counts.
+    The instant is a multiple of 1/65536 sample.
     """
     gap, width = _level_window(nominal)
     before, after = signal[index - 1 - gap - width : index - 1 - gap], signal[index + gap : index + gap + width]

@@ -1,0 +1,295 @@
+"""Moving targets in range-time data: where they are, how fast, and how sure that is.
+
+1. The background is removed (a sliding mean over slow time), the rest normalised to the noise.
+2. Ridges are found by track-before-detect: dynamic programming over states (range, speed) finds the path with the
+   largest sum of scores, whose speed changes little from sweep to sweep (Barniv 1985). Its surroundings are
+   taken away and the search repeated.
+3. A ridge is split where its speed changes, and a robust line fitted to each stretch.
+4. Doppler comes from the phase from sweep to sweep along the stretch (pulse-pair, Miller and Rochwarger 1972).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.errors import DataError
+from processing.radar.doppler import remove_background, unambiguous_speed_m_s
+from processing.radar.line_fit import breaks, robust_line
+
+
+@dataclass(frozen=True)
+class Track:
+    """A stretch of steady motion. Speeds are range rates, positive when the range grows."""
+
+    t0_s: float
+    t1_s: float
+    r0_m: float
+    r1_m: float
+    speed_m_s: float
+    """Slope of the range over time, m/s; scales with the ramp's assumed bandwidth as 1 / B."""
+    speed_sd_m_s: float
+    """Standard deviation of ``speed_m_s`` from the scatter of the ranges (not of the bandwidth), m/s."""
+    doppler_m_s: float
+    """Range rate from the phase, at the alias nearest to ``speed_m_s``, m/s; independent of the bandwidth."""
+    doppler_sd_m_s: float
+    """Standard deviation of ``doppler_m_s``, its alias taken as right, m/s."""
+    snr_db: float
+    """Median over the stretch of peak power over noise, dB."""
+    sweeps: NDArray[np.intp] = field(repr=False)
+    """(points,) indices of the sweeps of the stretch."""
+    range_m: NDArray[np.float64] = field(repr=False)
+    """(points,) measured ranges at those sweeps, m."""
+
+
+@dataclass(frozen=True)
+class TrackSettings:
+    """What counts as a track."""
+
+    max_speed_m_s: float = 40.0
+    """Fastest range rate looked for, m/s."""
+    min_speed_m_s: float = 0.4
+    """Slower stretches are not reported: what the background leaves behind stands still, m/s."""
+    min_duration_s: float = 0.6
+    """Shortest stretch, s."""
+    background_s: float = 1.0
+    """Length of the sliding mean that is removed, s."""
+    min_range_m: float = 0.0
+    """Nearest range looked at, m."""
+    max_tracks: int = 24
+    """Ridges looked for at most."""
+
+
+def find_tracks(
+    profiles: NDArray[np.complexfloating],
+    time_s: NDArray[np.float64],
+    range_m: NDArray[np.float64],
+    *,
+    wavelength_m: float,
+    resolution_m: float,
+    settings: TrackSettings | None = None,
+) -> list[Track]:
+    """Tracks of moving targets, earliest first.
+
+    Args:
+        profiles: (sweeps, bins) complex range profiles from one place, in the order of time.
+        time_s: (sweeps,) instants of the ramps' centres, s; evenly spaced or nearly so.
+        range_m: (bins,) uniform range axis, m.
+        wavelength_m: wavelength at the ramp's centre, m.
+        resolution_m: range resolution c / 2B, m.
+        settings: what counts as a track.
+
+    Raises:
+        DataError: fewer than 8 sweeps, shapes that do not fit, undefined samples.
+    """
+    settings = settings or TrackSettings()
+    count = len(time_s)
+    if profiles.shape != (count, len(range_m)) or len(range_m) < 3:
+        raise DataError(f"profiles of shape {profiles.shape} for {count} sweeps and {len(range_m)} ranges",
+                        "give one row per sweep and one column per range")  # fmt: skip
+    if count < 8:
+        raise DataError(f"{count} sweeps are too few for a track", "record at least 8 sweeps")
+    if not np.isfinite(profiles).all():
+        raise DataError("the range profiles contain undefined samples", "leave out the sweeps that have them")
+    period = float(np.median(np.diff(time_s)))
+    moving = remove_background(profiles, min(max(round(settings.background_s / period), 4), count))
+    level_db = noise_normalised_db(moving)
+    score = _score(level_db, range_m, settings, resolution_m)
+    shortest = max(int(np.ceil(settings.min_duration_s / period)), 4)
+    tracks: list[Track] = []
+    for _ in range(settings.max_tracks):
+        path = _best_path(score, range_m[1] - range_m[0], period, settings.max_speed_m_s, resolution_m)
+        if path is None or len(path[0]) < shortest:
+            break
+        rows, columns = _best_section(score, *path, shortest)
+        positions = _refine(level_db, range_m, columns, rows, resolution_m)
+        for first, last in breaks(
+            time_s[rows], positions, sd=resolution_m / 2, penalty=_BREAK_PENALTY, shortest=shortest
+        ):
+            piece = slice(first, last)
+            track = _track(moving, level_db, time_s, range_m, rows[piece], positions[piece], wavelength_m, period)
+            if abs(track.speed_m_s) >= max(settings.min_speed_m_s, 3 * track.speed_sd_m_s):
+                tracks.append(track)
+        _erase(score, level_db, rows, columns, resolution_m / (range_m[1] - range_m[0]), shortest)
+    return sorted(tracks, key=lambda track: (track.t0_s, track.r0_m))
+
+
+_BREAK_PENALTY = 60.0  # in squared sd: a bend must explain this much
+_SCORE_BIAS_DB = 5.0  # noise exceeds its median by 5 dB in a tenth of the cells
+_SCORE_TOP_DB = 20.0
+_TURN_COST = 2.0  # dB for a change of one speed step from sweep to sweep
+_WIDEST_CELLS = 10.0  # half the greatest extent of one target, in resolution cells
+_LEAST_TOTAL_DB = 120.0  # sum of scores that noise alone does not reach (see the tests)
+
+
+def noise_normalised_db(moving: NDArray[np.complexfloating]) -> NDArray[np.float64]:
+    """Power in dB over its median: of each range over time, then of each sweep over range.
+
+    Both medians are robust against targets, which fill each range for a small part of the time only.
+    """
+    power = 20 * np.log10(np.maximum(np.abs(moving), 1e-300))
+    power = power - np.median(power, axis=0)
+    result: NDArray[np.float64] = power - np.maximum(np.median(power, axis=1, keepdims=True), 0.0)
+    return result
+
+
+def _score(
+    level_db: NDArray[np.float64], range_m: NDArray[np.float64], settings: TrackSettings, resolution_m: float
+) -> NDArray[np.float64]:
+    score = np.clip(level_db, 0.0, _SCORE_TOP_DB) - _SCORE_BIAS_DB
+    score[:, range_m < max(settings.min_range_m, 1.5 * resolution_m)] = -_SCORE_TOP_DB
+    return score
+
+
+def _best_path(
+    score: NDArray[np.float64], step_m: float, period_s: float, max_speed_m_s: float, resolution_m: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
+    """Rows and columns of the path with the largest total score, or None where noise could have made it."""
+    count, bins = score.shape
+    # A speed step moves a path by one resolution cell within 40 sweeps.
+    speed_step = resolution_m / (40 * period_s)
+    half = max(int(np.ceil(max_speed_m_s / speed_step)), 1)
+    speeds = np.arange(-half, half + 1) * speed_step * period_s / step_m  # columns per sweep
+    column = np.arange(bins)
+    total = np.zeros((len(speeds), bins))
+    choice = np.zeros((count, len(speeds), bins), dtype=np.int8)
+    best = (-np.inf, 0, 0, 0)
+    padded = np.empty((len(speeds) + 2, bins))
+    for row in range(count):
+        shift = (np.round(speeds * row) - np.round(speeds * (row - 1))).astype(np.intp)
+        source = column[None, :] - shift[:, None]
+        valid = (source >= 0) & (source < bins)
+        padded[0] = padded[-1] = -np.inf
+        padded[1:-1] = total
+        options = np.stack([padded[1:-1], padded[:-2] - _TURN_COST, padded[2:] - _TURN_COST])
+        turn = np.argmax(options, axis=0)
+        come = np.take_along_axis(options, turn[None], axis=0)[0]
+        index = np.clip(source, 0, bins - 1)
+        come, turn = np.take_along_axis(come, index, axis=1), np.take_along_axis(turn, index, axis=1)
+        begin = ~valid | (come <= 0)
+        choice[row] = np.where(begin, -1, turn)
+        total = score[row] + np.where(begin, 0.0, come)
+        top = int(np.argmax(total))
+        if total.flat[top] > best[0]:
+            best = (float(total.flat[top]), row, *divmod(top, bins))
+    value, row, speed, at = best
+    if value < _LEAST_TOTAL_DB:
+        return None
+    rows, columns = [row], [at]
+    while choice[row, speed, at] >= 0:
+        turn_taken = int(choice[row, speed, at])
+        at -= int(np.round(speeds[speed] * row) - np.round(speeds[speed] * (row - 1)))
+        speed += (0, -1, 1)[turn_taken]
+        row -= 1
+        rows.append(row)
+        columns.append(at)
+    return np.array(rows[::-1], dtype=np.intp), np.array(columns[::-1], dtype=np.intp)
+
+
+def _refine(
+    level_db: NDArray[np.float64],
+    range_m: NDArray[np.float64],
+    columns: NDArray[np.intp],
+    rows: NDArray[np.intp],
+    resolution_m: float,
+) -> NDArray[np.float64]:
+    """Centroid of the power within one resolution cell on either side of the path, m."""
+    reach = max(int(np.ceil(resolution_m / (range_m[1] - range_m[0]))), 1)
+    index = np.clip(columns[:, None] + np.arange(-reach, reach + 1), 0, len(range_m) - 1)
+    power = 10 ** (level_db[rows[:, None], index] / 10)
+    centroid: NDArray[np.float64] = (power * range_m[index]).sum(axis=1) / power.sum(axis=1)
+    return centroid
+
+
+def _track(
+    moving: NDArray[np.complexfloating],
+    level_db: NDArray[np.float64],
+    time_s: NDArray[np.float64],
+    range_m: NDArray[np.float64],
+    rows: NDArray[np.intp],
+    positions: NDArray[np.float64],
+    wavelength_m: float,
+    period_s: float,
+) -> Track:
+    line = robust_line(time_s[rows], positions)
+    fitted = line.middle + line.slope * (time_s[rows] - line.t_middle)
+    columns = np.clip(np.round((fitted - range_m[0]) / (range_m[1] - range_m[0])).astype(np.intp), 0, len(range_m) - 1)
+    doppler, doppler_sd = _pulse_pair(moving, rows, columns, wavelength_m, period_s, line.slope)
+    return Track(
+        t0_s=float(time_s[rows[0]]),
+        t1_s=float(time_s[rows[-1]]),
+        r0_m=line.at(float(time_s[rows[0]])),
+        r1_m=line.at(float(time_s[rows[-1]])),
+        speed_m_s=line.slope,
+        speed_sd_m_s=line.slope_sd,
+        doppler_m_s=doppler,
+        doppler_sd_m_s=doppler_sd,
+        snr_db=float(np.median(level_db[rows, columns])),
+        sweeps=rows,
+        range_m=positions,
+    )
+
+
+def _pulse_pair(
+    moving: NDArray[np.complexfloating],
+    rows: NDArray[np.intp],
+    columns: NDArray[np.intp],
+    wavelength_m: float,
+    period_s: float,
+    near_m_s: float,
+) -> tuple[float, float]:
+    """Range rate from the mean phase step between sweeps, m/s, at the alias nearest to ``near_m_s``, and its sd."""
+    pairs = np.conj(moving[rows[:-1], columns[:-1]]) * moving[rows[1:], columns[:-1]]
+    total = pairs.sum()
+    ambiguity = 2 * unambiguous_speed_m_s(wavelength_m, period_s)
+    wrapped = -float(np.angle(total)) / (2 * np.pi) * ambiguity
+    speed = wrapped + ambiguity * round((near_m_s - wrapped) / ambiguity)
+    # Circular standard deviation of the phase steps (Mardia), over the root of their number.
+    steadiness = min(float(np.abs(total) / np.maximum(np.abs(pairs).sum(), 1e-300)), 1.0)
+    spread = np.sqrt(-2 * np.log(max(steadiness, 1e-12)))
+    return speed, float(spread / (2 * np.pi) * ambiguity / np.sqrt(len(pairs)))
+
+
+def _best_section(
+    score: NDArray[np.float64], rows: NDArray[np.intp], columns: NDArray[np.intp], window: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The part of a path with the largest total among those in which the score, averaged over a window, is positive.
+
+    A path may cross a stretch of noise from one target to another; this cuts it there.
+    """
+    values = score[rows, columns]
+    smooth = np.convolve(values, np.ones(window) / window, mode="same")
+    bounds = np.flatnonzero(np.diff(np.concatenate([[0], (smooth > 0).astype(np.int8), [0]])))
+    sections = [slice(first, last) for first, last in zip(bounds[::2], bounds[1::2], strict=True)]
+    if not sections:
+        return rows, columns
+    best = max(sections, key=lambda section: float(values[section].sum()))
+    return rows[best], columns[best]
+
+
+def _erase(
+    score: NDArray[np.float64],
+    level_db: NDArray[np.float64],
+    rows: NDArray[np.intp],
+    columns: NDArray[np.intp],
+    cell: float,
+    window: int,
+) -> None:
+    """Take a ridge's surroundings out of the search: two cells on either side, and what adjoins them above the noise.
+
+    A long vehicle, or a far target smeared by a ramp that is not quite linear, is one target and not many.
+    """
+    reach, near = int(np.ceil(_WIDEST_CELLS * cell)), max(int(np.ceil(2 * cell)), 1)
+    offsets = np.arange(-reach, reach + 1)
+    index = np.clip(columns[:, None] + offsets, 0, score.shape[1] - 1)
+    around = np.clip(level_db[rows[:, None], index], 0.0, _SCORE_TOP_DB)
+    kernel = np.ones(min(window, len(rows))) / min(window, len(rows))
+    strong = np.apply_along_axis(np.convolve, 0, around, kernel, mode="same") > _SCORE_BIAS_DB
+    strong[:, np.abs(offsets) <= near] = True
+    below, above = strong[:, reach::-1], strong[:, reach:]
+    joined = np.concatenate(
+        [np.logical_and.accumulate(below, axis=1)[:, :0:-1], np.logical_and.accumulate(above, axis=1)], axis=1
+    )
+    score[np.broadcast_to(rows[:, None], index.shape)[joined], index[joined]] = -_SCORE_TOP_DB
