@@ -55,18 +55,17 @@ def noise_floor(
 
 
 def focused_noise(
-    floor: ArrayLike, range_m: ArrayLike, ground_range_m: ArrayLike, z_m: float, positions: int
+    floor: ArrayLike, range_m: ArrayLike, ground_range_m: ArrayLike, z_m: float, averaging: ArrayLike
 ) -> NDArray[np.float64]:
-    """Noise power in an image that is the mean of ``positions`` profiles, against ground range abreast of the rail.
-
-    Independent noise averages as 1 / positions.
+    """Noise power in a focused image against ground range, abreast of the rail.
 
     Args:
         floor: (channels, bins) noise power of one profile.
         range_m: (bins,) slant range, m.
         ground_range_m: (ny,) ground range of the image's rows, m.
         z_m: height of the image plane relative to the antennas, m.
-        positions: number of antenna positions summed.
+        averaging: noise power in the image over that of one profile, scalar or (ny,); 1 / positions where the image
+            is the mean of the positions.
 
     Returns:
         (channels, ny) power; NaN beyond the ranges of the floor.
@@ -74,7 +73,7 @@ def focused_noise(
     slant = np.hypot(np.asarray(ground_range_m, dtype=np.float64), z_m)
     axis = np.asarray(range_m, dtype=np.float64)
     rows = [np.interp(slant, axis, row, left=np.nan, right=np.nan) for row in np.asarray(floor)]
-    return np.stack(rows) / positions
+    return np.asarray(np.stack(rows) * np.asarray(averaging))
 
 
 def background_by_row(image: ArrayLike) -> NDArray[np.float64]:

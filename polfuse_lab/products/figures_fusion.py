@@ -1,0 +1,244 @@
+"""Pictures of polarimetry and fusion: Pauli composite, fused vector, classes, and the radar in the camera's view."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import ArrayLike, NDArray
+
+from polfuse_lab.products import style
+from polfuse_lab.products.optics import pinhole_of
+from polfuse_lab.products.store import Products
+from processing.optics.camera_model import Pinhole
+from processing.polarimetry.pauli import display_components
+
+Floats = NDArray[np.float64]
+Arrays = dict[str, NDArray[Any]]
+
+SPAN_DB = 35.0
+"""From full colour to black, dB."""
+LABELS = {
+    "even bounce": "|HH−VV| / norm",
+    "cross-polarized": "|HV| / norm",
+    "odd bounce": "|HH+VV| / norm",
+    "DOLP": "DOLP (camera)",
+}
+
+
+def draw_all(products: Products, path: Path | str) -> list[Path]:
+    """Draw every picture of a fused products file.
+
+    Args:
+        products: file with stages "polarimetry", "optics" and "fusion".
+        path: where the fused vector goes; the others stand beside it with suffixes ``_pauli``, ``_classes`` and
+            ``_overlay``.
+
+    Returns:
+        Paths, the fused vector first.
+    """
+    path = Path(path)
+    polarimetry, fusion, settings = products.read("polarimetry"), products.read("fusion"), products.settings("fusion")
+    camera = pinhole_of(products.settings("optics"))
+    figures = {
+        "": fused_figure(fusion, settings["features"]),
+        "_pauli": pauli_figure(polarimetry),
+        "_classes": class_figure(fusion, settings["classes"]),
+        "_overlay": overlay_figure(products.read("optics"), polarimetry, fusion, camera, float(settings["z_m"])),
+    }
+    return [
+        style.save(figure, path.with_name(f"{path.stem}{suffix}{path.suffix}")) for suffix, figure in figures.items()
+    ]
+
+
+def pauli_rgb(k: ArrayLike, *, span_db: float = SPAN_DB) -> Floats:
+    """Pauli composite, (ny, nx, 3) in [0, 1]: R, G, B = |HH-VV|, |HV|, |HH+VV| in dB on one common scale.
+
+    One scale for the three keeps the colours' meaning: equal amplitudes give grey. Undefined pixels are NaN.
+    """
+    components = display_components(k)
+    top = np.nanmax(components, initial=0.0)
+    if top <= 0:
+        return np.where(np.isfinite(components), 0.0, np.nan).transpose(1, 2, 0)
+    level = style.decibels(components, reference=float(top))
+    scaled = np.clip(1 + np.where(components == 0, -np.inf, level) / span_db, 0, 1)
+    return np.where(np.isfinite(components), scaled, np.nan).transpose(1, 2, 0)
+
+
+def pauli_figure(polarimetry: Arrays) -> Figure:
+    """The Pauli composite over the ground and its three components in dBsm.
+
+    Args:
+        polarimetry: arrays of the stage "polarimetry".
+    """
+    x, y = polarimetry["x_m"], polarimetry["y_m"]
+    figure = style.new_figure(9.6, _height(x, y, 2, 9.6), title="Pauli components (complex amplitudes)")
+    axes = figure.subplots(2, 2, sharex=True, sharey=True)
+    style.image(axes[0, 0], _grey(pauli_rgb(polarimetry["pauli"])), x, y)
+    style.panel(axes[0, 0], f"R |HH−VV|, G |HV|, B |HH+VV|, {SPAN_DB:.0f} dB")
+    components = display_components(polarimetry["pauli"])
+    top = float(np.ceil(np.nanmax(style.decibels(components)))) if np.any(components > 0) else 0.0
+    names = ("|HH−VV|: even bounce", "|HV|: turned even bounce, volume", "|HH+VV|: odd bounce")
+    for panel, values, name in zip(axes.flat[1:], components, names, strict=True):
+        picture = style.db_image(panel, values, x, y, span_db=SPAN_DB, top_db=top)
+        style.panel(panel, name)
+    style.colour_bar(picture, list(axes.flat), "dB over 1 m", extend="min")
+    _ground_labels(axes)
+    return figure
+
+
+def fused_figure(fusion: Arrays, names: list[str]) -> Figure:
+    """The four components of the fused vector on the ground; grey where one is undefined.
+
+    Args:
+        fusion: arrays of the stage "fusion".
+        names: of the components, as in the stage's settings.
+    """
+    x, y = fusion["x_m"], fusion["y_m"]
+    figure = style.new_figure(9.6, _height(x, y, 2, 9.6), title="Fused vector of radar and camera")
+    axes = figure.subplots(2, 2, sharex=True, sharey=True)
+    for panel, values, name in zip(axes.flat, fusion["features"], names, strict=True):
+        high = 1.0 if name != "DOLP" else _top(values)
+        picture = style.image(panel, values, x, y, low=0.0, high=high, colours=style.FRACTION)
+        style.colour_bar(picture, panel, LABELS.get(name, name))
+        style.panel(panel, name if name == "DOLP" else f"{name}")
+    _ground_labels(axes)
+    return figure
+
+
+def class_figure(fusion: Arrays, classes: dict[str, Any]) -> Figure:
+    """Map of the K-means classes with a legend, and where they lie between DOLP and even bounce.
+
+    Args:
+        fusion: arrays of the stage "fusion".
+        classes: summaries by name in the order of the labels, as in the stage's settings.
+    """
+    x, y, labels = fusion["x_m"], fusion["y_m"], fusion["classes"].astype(np.float64)
+    figure = style.new_figure(10.4, max(4.2, 0.75 * _height(x, y, 1, 10.4)), title="Classes of the fused vector")
+    on_ground, in_features = figure.subplots(1, 2, width_ratios=(1.35, 1))
+    count = int(fusion["classes"].max()) + 1
+    colours = [style.CLASS_COLOURS[i % len(style.CLASS_COLOURS)] for i in range(count)]
+    colour_map = ListedColormap(colours).with_extremes(bad=style.UNDEFINED)
+    half_x, half_y = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2
+    on_ground.imshow(
+        np.where(labels < 0, np.nan, labels),
+        origin="lower",
+        extent=(x[0] - half_x, x[-1] + half_x, y[0] - half_y, y[-1] + half_y),
+        cmap=colour_map,
+        norm=BoundaryNorm(np.arange(count + 1) - 0.5, count),
+        interpolation="nearest",
+    )
+    style.metres(on_ground)
+    style.panel(on_ground, "on the ground")
+    # A class too small for statistics has no summary, but its pixels are on the map.
+    known = {name: classes.get(name) for name in (f"class {i + 1}" for i in range(count))}
+    handles = [
+        Patch(color=colour, label=name if item is None else f"{name}: {item['mechanism']}, {item['pixels']} px")
+        for colour, (name, item) in zip(colours, known.items(), strict=True)
+    ]
+    handles.append(Patch(color=style.UNDEFINED, label="undefined or noise"))
+    even, dolp = fusion["features"][0], fusion["features"][3]
+    for label, colour in enumerate(colours):
+        members = fusion["classes"] == label
+        in_features.plot(even[members], dolp[members], ".", color=colour, markersize=2.5, alpha=0.4, rasterized=True)
+    in_features.set_xlabel(LABELS["even bounce"])
+    in_features.set_ylabel("DOLP")
+    in_features.set_xlim(0, 1)
+    in_features.set_ylim(bottom=0)
+    in_features.grid(alpha=0.3)
+    style.panel(in_features, "in the fused vector")
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4), frameon=False)
+    return figure
+
+
+def overlay_figure(optics: Arrays, polarimetry: Arrays, fusion: Arrays, camera: Pinhole, z_m: float) -> Figure:
+    """The camera's S0 with the Pauli composite laid over the ground, as opaque as the radar return is strong.
+
+    Args:
+        optics: arrays of the stage "optics".
+        polarimetry: arrays of the stage "polarimetry".
+        fusion: arrays of the stage "fusion".
+        camera: the camera.
+        z_m: height of the ground plane, m.
+    """
+    columns, rows = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
+    ground = camera.on_plane(columns, rows, z_m)
+    x, y = polarimetry["x_m"], polarimetry["y_m"]
+    colour = np.nan_to_num(pauli_rgb(polarimetry["pauli"]))
+    j, i = _nearest(ground[..., 0], x), _nearest(ground[..., 1], y)
+    on_grid = (j >= 0) & (i >= 0)
+    seen = colour[np.maximum(i, 0), np.maximum(j, 0)]
+    strength = seen.max(axis=-1)
+    # Full colour at its own hue; the return's strength is in the opacity.
+    hue = seen / np.maximum(strength, 1e-9)[..., None]
+    opacity = np.where(on_grid, 0.75 * np.clip((strength - 0.3) / 0.7, 0, 1), 0.0)
+
+    figure = style.new_figure(9.2, 9.2 * camera.height_px / camera.width_px * 0.86 + 0.9)
+    figure.suptitle("Radar in the camera's view", fontsize="large", fontweight="semibold")
+    axes = figure.subplots()
+    shade = np.asarray(optics["s0"], dtype=np.float64)
+    picture = style.image(axes, shade, low=0.0, high=_top(shade), colours="gray")
+    axes.imshow(np.dstack([hue, opacity]), interpolation="nearest", origin="upper")
+    style.colour_bar(picture, axes, "S0 [counts]", extend="max")
+    _range_lines(axes, camera, x, y, z_m)
+    axes.set_xlim(-0.5, camera.width_px - 0.5)
+    axes.set_ylim(camera.height_px - 0.5, -0.5)
+    axes.set_xlabel("column")
+    axes.set_ylabel("row")
+    fused = np.isfinite(fusion["features"][0])
+    error = float(np.median(fusion["registration_error_px"][fused])) if fused.any() else float("nan")
+    style.panel(axes, f"red |HH−VV|, green |HV|, blue |HH+VV|; registration error {error:.1f} px (median sd)")
+    return figure
+
+
+def _range_lines(axes: Axes, camera: Pinhole, x: NDArray[Any], y: NDArray[Any], z_m: float) -> None:
+    """Lines of equal ground range, labelled in metres."""
+    step = 1.0 if np.ptp(y) <= 8 else 2.0 if np.ptp(y) <= 20 else 5.0
+    for ground_range in np.arange(np.ceil(y[0] / step) * step, y[-1] + 1e-9, step):
+        along = np.linspace(x[0], x[-1], 50)
+        points = np.stack([along, np.full(50, ground_range), np.full(50, z_m)], axis=-1)
+        u, v, _ = camera.project(points)
+        inside = camera.inside(u, v)
+        if not inside.any():
+            continue
+        axes.plot(u[inside], v[inside], color="white", linewidth=0.6, alpha=0.55)
+        last = np.flatnonzero(inside)[-1]
+        axes.text(u[last] - 3, v[last] - 3, f"{ground_range:.0f} m", color="white", fontsize="x-small", ha="right")
+
+
+def _nearest(values: Floats, axis: NDArray[Any]) -> NDArray[np.int64]:
+    """Index of the nearest point of a uniform axis; -1 outside it and for NaN."""
+    position = np.rint((values - axis[0]) / (axis[1] - axis[0]))
+    good = np.isfinite(position) & (position >= 0) & (position < len(axis))
+    return np.where(good, np.nan_to_num(position), -1).astype(np.int64)
+
+
+def _grey(rgb: Floats) -> Floats:
+    """Undefined pixels in the house's grey."""
+    return np.where(np.isfinite(rgb).all(axis=-1, keepdims=True), rgb, float(style.UNDEFINED))
+
+
+def _top(values: ArrayLike) -> float:
+    finite = np.asarray(values)[np.isfinite(values)]
+    top = float(np.percentile(finite, 99.5)) if finite.size else 1.0
+    return top if top > 0 else 1.0
+
+
+def _height(x: NDArray[Any], y: NDArray[Any], rows: int, width_in: float) -> float:
+    """Height of a figure with two columns of ground pictures of equal scales, inches."""
+    panel = (width_in / 2 - 1.2) * float(np.ptp(y)) / float(np.ptp(x))
+    return float(np.clip(rows * (panel + 0.6) + 0.8, 3.5, 14.0))
+
+
+def _ground_labels(axes: NDArray[Any]) -> None:
+    for row in axes:
+        for panel in row:
+            style.metres(panel, x="", y="")
+        row[0].set_ylabel("ground range y [m]")
+    for panel in axes[-1]:
+        panel.set_xlabel("along the rail x [m]")
