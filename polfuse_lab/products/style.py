@@ -43,7 +43,7 @@ def new_figure(width_in: float = 7.0, height_in: float = 4.6, *, title: str = ""
     figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     if title:
-        figure.suptitle(title, fontsize="large", fontweight="semibold")
+        figure.suptitle(title, fontsize="large", fontweight="bold")
     return figure
 
 
@@ -108,10 +108,12 @@ def db_image(
 
 
 def colour_bar(picture: AxesImage, axes: Axes | list[Axes], label: str, *, extend: str = "neither") -> Colorbar:
-    """A colour bar with its quantity and unit."""
-    first = axes[0] if isinstance(axes, list) else axes
-    figure = first.figure
-    return figure.colorbar(picture, ax=axes, label=label, extend=extend, shrink=0.9, pad=0.02)
+    """A colour bar with its quantity and unit: as tall as the picture of one axes, or shared by several."""
+    if isinstance(axes, list):
+        return axes[0].figure.colorbar(picture, ax=axes, label=label, extend=extend, shrink=0.9, pad=0.02)
+    # An inset stays as tall as the picture where equal scales make that lower than its axes' share of the figure.
+    beside = axes.inset_axes((1.03, 0.0, 0.045, 1.0))
+    return axes.figure.colorbar(picture, cax=beside, label=label, extend=extend)
 
 
 def panel(axes: Axes, title: str) -> None:

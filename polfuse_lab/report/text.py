@@ -1,0 +1,45 @@
+"""Numbers as people read them: as many digits as the uncertainty allows, units apart, true minus signs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Number:
+    """One line of the report's table of numbers."""
+
+    name: str
+    value: float
+    unit: str = ""
+    sd: float | None = None
+    """Standard uncertainty (1 sigma), in the same unit; None where none is known."""
+    note: str = ""
+    """What it is, or what it comes from."""
+
+
+def value_text(value: float, sd: float | None = None) -> str:
+    """A number with its uncertainty to two significant digits, ``"30.78 ± 0.12"``; without one, four digits.
+
+    Undefined numbers are an em dash.
+    """
+    if not math.isfinite(value):
+        return "—"
+    if sd is None or not math.isfinite(sd) or sd <= 0:
+        return _minus(f"{value:.4g}")
+    digits = max(1 - math.floor(math.log10(sd)), 0)
+    return _minus(f"{value:.{digits}f} ± {sd:.{digits}f}")
+
+
+def _minus(text: str) -> str:
+    if "e" not in text:
+        return text.replace("-", "−")
+    mantissa, exponent = text.split("e")
+    superscript = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return f"{mantissa} × 10{superscript}".replace("-", "−")
+
+
+def size_text(count: int) -> str:
+    """A number of bytes in kB or MB (powers of ten)."""
+    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{count / 1e3:.1f} kB"
