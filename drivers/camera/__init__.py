@@ -1,0 +1,1 @@
+"""Cameras: GenICam through harvesters, and any camera driver in a process of its own."""
