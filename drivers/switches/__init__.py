@@ -1,0 +1,1 @@
+"""RF transfer switches. A driver here offers :class:`drivers.contracts.Switches`."""

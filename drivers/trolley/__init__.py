@@ -1,0 +1,1 @@
+"""Trolleys on the rail. A driver here offers :class:`drivers.contracts.Trolley`."""

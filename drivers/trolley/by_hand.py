@@ -1,0 +1,96 @@
+"""A trolley that a person pushes to marks on the rail, as in the thesis."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+from annotated_types import Gt
+
+from drivers.contracts import Operator
+from drivers.errors import DeviceRefused
+from drivers.options import checked
+from drivers.records import Identity, TrolleyFix
+
+
+class HandTrolley:
+    """Driver ``by_hand``: asks the operator to push the trolley and waits for the confirmation."""
+
+    @dataclass(frozen=True)
+    class Options:
+        """The table ``[trolley.options]``."""
+
+        __pydantic_config__: ClassVar[dict[str, object]] = {"extra": "forbid", "allow_inf_nan": False}
+
+        length_m: Annotated[float, Gt(0)]
+        """Usable length of the rail, m; x runs from -length_m/2 to +length_m/2."""
+        sd_m: Annotated[float, Gt(0)] = 0.002
+        """Standard deviation with which a person meets a mark, m."""
+
+    def __init__(self, options: Options, operator: Operator) -> None:
+        self._options = checked(options)
+        self._operator = operator
+        self._lock = threading.RLock()
+        self._ticket: int | None = None
+        self._target_m = self._x_m = 0.0
+        self._known = False
+
+    @property
+    def limits_m(self) -> tuple[float, float]:
+        """Smallest and largest x that may be asked for, m."""
+        return -self._options.length_m / 2, self._options.length_m / 2
+
+    def open(self) -> Identity:
+        """Nothing to connect to. The position is unknown until the first move is confirmed."""
+        return Identity("trolley", "by_hand", "operator", f"marks met within {self._options.sd_m * 1e3:g} mm")
+
+    def start_move(self, x_m: float) -> None:
+        """Ask the operator to push the trolley to ``x_m``; an earlier request is taken back.
+
+        Raises:
+            DeviceRefused: outside the rail.
+        """
+        low, high = self.limits_m
+        if not low <= x_m <= high:
+            raise DeviceRefused(
+                f"x = {x_m:g} m is outside the rail ({low:g} to {high:g} m)",
+                where="hand trolley",
+                advice="ask for a position on the rail",
+            )
+        with self._lock:
+            self.stop()
+            self._target_m = x_m
+            self._known = False
+            self._ticket = self._operator.ask(
+                f"Push the trolley to x = {x_m:+.4f} m ({x_m - low:.4f} m from the rail's left end), then confirm."
+            )
+
+    def poll(self) -> TrolleyFix:
+        """The last confirmed position; under way and before the first confirmation it is anywhere on the rail."""
+        with self._lock:
+            if self._ticket is not None and self._operator.answered(self._ticket):
+                self._ticket = None
+                self._x_m, self._known = self._target_m, True
+            moving = self._ticket is not None
+            # Anywhere on the rail: the standard deviation of a uniform distribution.
+            sd_m = self._options.sd_m if self._known else self._options.length_m / math.sqrt(12)
+            state = "asked" if moving else "confirmed" if self._known else "unknown"
+            return TrolleyFix(self._x_m, sd_m, moving, time.monotonic_ns(), state)
+
+    def stop(self) -> None:
+        """Take the request back; where the operator left the trolley is not known."""
+        with self._lock:
+            if self._ticket is not None:
+                self._operator.withdraw(self._ticket)
+                self._ticket = None
+
+    def make_safe(self) -> None:
+        """Take the request back."""
+        self.stop()
+
+    def close(self) -> None:
+        """Take the request back. Idempotent."""
+        self.stop()
