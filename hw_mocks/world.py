@@ -92,6 +92,13 @@ class Steps:
         with self._lock:
             return self._values[max(bisect.bisect_right(self._times, t_ns) - 1, 0)]
 
+    def changes(self, t0_ns: int, t1_ns: int) -> list[tuple[int, str]]:
+        """The value at ``t0_ns`` and every later value up to ``t1_ns``, each with the instant from which it holds."""
+        with self._lock:
+            first = max(bisect.bisect_right(self._times, t0_ns) - 1, 0)
+            last = max(bisect.bisect_right(self._times, t1_ns), first + 1)
+            return list(zip(self._times[first:last], self._values[first:last], strict=True))
+
 
 @dataclass
 class World:

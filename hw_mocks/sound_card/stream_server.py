@@ -1,0 +1,101 @@
+"""The sound card over loopback TCP, for machines without PortAudio.
+
+A client sends ``TOKEN listen\\n``, gets one line of JSON (sample rate, channels, sample type) and then blocks: a header
+``<QqI`` of first frame, host time of its sampling (ns, monotonic) and number of frames, followed by the samples. A
+client that does not keep up loses whole blocks, which the frame numbers tell.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import struct
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw_mocks.loopback import MAX_LINE, Address, listen, token_matches
+
+HEADER = struct.Struct("<QqI")
+BACKLOG_S = 2.0
+
+
+@dataclass
+class _Client:
+    connection: socket.socket
+    greeting: bytes = b""
+    listening: bool = False
+    pending: bytearray = field(default_factory=bytearray)
+
+
+class StreamServer:
+    """A :class:`hw_mocks.sound_card.feeder.Sink` that serves any number of clients from the feeder's thread."""
+
+    def __init__(self, sample_rate_hz: float) -> None:
+        self._rate = sample_rate_hz
+        self._server, self._address = listen()
+        self._server.setblocking(False)
+        self._clients: list[_Client] = []
+
+    @property
+    def url(self) -> str:
+        """Address for :class:`hw_mocks.scene_radar.SceneRadar`."""
+        return self._address.url
+
+    @property
+    def address(self) -> Address:
+        """The same as parts."""
+        return self._address
+
+    def put(self, samples: NDArray[np.int16], first: int, t_ns: int) -> None:
+        """Send a block to every client; see :class:`hw_mocks.sound_card.feeder.Sink`."""
+        self._accept()
+        message = HEADER.pack(first, t_ns, len(samples)) + np.ascontiguousarray(samples, dtype="<i2").tobytes()
+        limit = int(BACKLOG_S * self._rate) * 4
+        for client in self._clients:
+            if client.listening and len(client.pending) < limit:
+                client.pending += message
+        self.flush()
+
+    def flush(self) -> bool:
+        """Send what waits, without waiting; whether anything still waits."""
+        for client in list(self._clients):
+            try:
+                if not client.listening:
+                    self._greet(client)
+                if client.pending:
+                    del client.pending[: client.connection.send(client.pending)]
+            except BlockingIOError:
+                continue
+            except OSError:
+                client.connection.close()
+                self._clients.remove(client)
+        return any(client.pending for client in self._clients)
+
+    def close(self) -> None:
+        """Hang up on everybody. Idempotent."""
+        for client in self._clients:
+            client.connection.close()
+        self._clients.clear()
+        self._server.close()
+
+    def _accept(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                connection, _ = self._server.accept()
+                connection.setblocking(False)
+                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                self._clients.append(_Client(connection))
+
+    def _greet(self, client: _Client) -> None:
+        received = client.connection.recv(MAX_LINE)
+        client.greeting += received
+        line, end, _ = client.greeting.partition(b"\n")
+        token, _, request = line.partition(b" ")
+        if end and token_matches(token, self._address) and request == b"listen":
+            client.listening = True
+            client.pending += json.dumps({"sample_rate_hz": self._rate, "channels": 2, "dtype": "<i2"}).encode() + b"\n"
+        elif end or not received or len(client.greeting) > MAX_LINE:
+            raise ConnectionError("not a listener")
