@@ -147,5 +147,3 @@ def check_grid(grid: ImageGrid) -> None:
         raise DataError("the image grid is empty or not finite", "give at least one finite x and one finite y")
     if not np.isfinite(grid.z_m):
         raise DataError("the image plane's height is not finite", "give the ground's z in metres")
-
-

@@ -63,7 +63,6 @@ def kernel_for(taps: int, channels: int) -> Callable[..., None]:
             sines = np.empty(count, np.float32)
             outside = np.zeros(count, np.bool_)
             total = np.zeros((lanes, count), np.float64)
-            gains = np.ones(count, np.float64)
             gain_total = np.zeros((channels, count), np.float64)
             for pulse in range(pulses):
                 dy = y[row] - track[pulse, 1]
@@ -118,10 +117,7 @@ def kernel_for(taps: int, channels: int) -> Callable[..., None]:
                             * (
                                 np.float32(1 / 120)
                                 + u
-                                * (
-                                    np.float32(-1 / 5040)
-                                    + u * (np.float32(1 / 362880) + u * np.float32(-1 / 39916800))
-                                )
+                                * (np.float32(-1 / 5040) + u * (np.float32(1 / 362880) + u * np.float32(-1 / 39916800)))
                             )
                         )
                     )
@@ -132,9 +128,14 @@ def kernel_for(taps: int, channels: int) -> Callable[..., None]:
                         dx = x[x0 + i] - track[pulse, 0]
                         distance = math.sqrt(across + dx * dx)
                         toward = (along + axis[0] * dx) / distance if distance > 0.0 else 0.0
-                        gains[i] = toward**exponent if toward > 0.0 else 0.0
-                        cosines[i] *= gains[i]
-                        sines[i] *= gains[i]
+                        gain = toward**exponent if toward > 0.0 else 0.0
+                        cosines[i] *= gain
+                        sines[i] *= gain
+                        for c in range(channels):
+                            gain_total[c, i] += weights[pulse, c] * gain * gain
+                else:
+                    for c in range(channels):
+                        gain_total[c] += weights[pulse, c]
                 for c in range(channels):
                     re = profiles[pulse, c]
                     im = profiles[pulse, channels + c]
@@ -147,7 +148,6 @@ def kernel_for(taps: int, channels: int) -> Callable[..., None]:
                             vi += filters[i, k] * im[b + k]
                         total[c, i] += vr * cosines[i] - vi * sines[i]
                         total[channels + c, i] += vr * sines[i] + vi * cosines[i]
-                        gain_total[c, i] += weights[pulse, c] * gains[i] * gains[i]
             for c in range(channels):
                 for i in range(count):
                     if outside[i] or gain_total[c, i] <= 0.0:
