@@ -110,8 +110,9 @@ def least_squares(matrix: Floats, weights: ArrayLike | None = None, *, limit: fl
             f"{matrix.shape[0]} polarizer angles have condition number {condition:.3g} (at most {limit:.3g})",
             "use three or more angles spread over 180 degrees, such as 0, 45, 90 and 135",
         )
-    root = np.sqrt(np.ones(matrix.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64))
-    if root.shape != (matrix.shape[0],) or not np.all(root > 0) or not np.all(np.isfinite(root)):
+    weight = np.ones(matrix.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)
+    if weight.shape != (matrix.shape[0],) or not np.all(weight > 0) or not np.all(np.isfinite(weight)):
         raise DataError("weights of the polarizer angles are not all positive", "give each angle the frames it has")
+    root = np.sqrt(weight)
     solution: Floats = np.asarray(np.linalg.pinv(root[:, None] * matrix) * root, dtype=np.float64)
     return solution

@@ -27,6 +27,9 @@ SHADOW_SNR = 10.0
 AOP_SNR = 2.0
 """Polarized intensity below this many of its standard deviations has no direction."""
 
+_ROUNDING = 1e-12
+"""Polarized intensity below this part of S0 is rounding of float64, and has no direction."""
+
 UNKNOWN_ANGLE_SD_RAD = float(np.pi / np.sqrt(12.0))
 """Standard deviation of an angle that is uniform modulo 180 degrees; no AOP is less well known."""
 
@@ -103,7 +106,7 @@ def polarization(stokes: ArrayLike, covariance: ArrayLike) -> tuple[Floats, Floa
 
     Returns:
         ``dolp`` (debiased), ``dolp_raw``, ``dolp_sd``, ``aop`` (radians, in (-pi/2, pi/2]), ``aop_sd`` (at most that of
-        an unknown angle), and the sd of the polarized intensity. Where S1 = S2 = 0 the direction is unknown: variances
+        an unknown angle), and the sd of the polarized intensity. Where S1 and S2 vanish (to rounding) the direction is unknown: variances
         are means over directions and AOP is NaN. S0 = 0 gives NaN.
     """
     vector, c = np.asarray(stokes, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
@@ -115,7 +118,7 @@ def polarization(stokes: ArrayLike, covariance: ArrayLike) -> tuple[Floats, Floa
         across = y * y * c[..., 1, 1] + x * x * c[..., 2, 2] - 2 * x * y * c[..., 1, 2]
         with_s0 = x * c[..., 0, 1] + y * c[..., 0, 2]
         mean = (c[..., 1, 1] + c[..., 2, 2]) / 2
-        zero = p == 0
+        zero = p <= _ROUNDING * np.abs(s0)
         along, across = np.where(zero, mean, along), np.where(zero, mean, across)
         with_s0 = np.where(zero, 0.0, with_s0)
         usable = np.where(s0 != 0, s0, np.nan)
@@ -286,7 +289,7 @@ def _kernel(
                 flags[row, column] = flag | 2
                 continue
             p = np.sqrt(s1 * s1 + s2 * s2)
-            if p > 0.0:
+            if p > _ROUNDING * s0:
                 x, y = s1 / p, s2 / p
                 along = x * x * c11 + y * y * c22 + 2 * x * y * c12
                 across = y * y * c11 + x * x * c22 - 2 * x * y * c12
