@@ -61,8 +61,8 @@ def fit_clock(
     if n == 0:
         return None
     x0, y0 = float(t_device_s[0]), int(t_host_ns[0])
-    x: NDArray[np.float64] = np.asarray(t_device_s, dtype=np.float64) - x0
-    y: NDArray[np.float64] = (np.asarray(t_host_ns, dtype=np.int64) - y0) * 1e-9
+    x: NDArray[np.float64] = np.subtract(t_device_s, x0, dtype=np.float64)
+    y: NDArray[np.float64] = np.multiply(np.subtract(t_host_ns, y0), 1e-9, dtype=np.float64)
     half_trip = float(np.max(round_trip_ns)) * 0.5e-9
     if n < 2 or np.ptp(x) <= 0:
         return ClockFit(device, x0, y0, float(np.median(y - x)), 1.0, half_trip, n, 0)

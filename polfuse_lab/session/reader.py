@@ -193,7 +193,8 @@ class Session:
     def sweeps(self) -> Table:
         """One row for each audio record, dtype :data:`polfuse_lab.session.layout.SWEEPS`."""
         rows = self._table("sweeps")
-        return rows[rows["first_sample"] + rows["samples"] <= self._rows("audio")]
+        whole: Table = rows[rows["first_sample"] + rows["samples"] <= self._rows("audio")]
+        return whole
 
     @cached_property
     def frames(self) -> Table:

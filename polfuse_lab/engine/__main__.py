@@ -1,0 +1,67 @@
+"""The engine's process: owns the devices, the scheduler and the live view; the writer and the camera are its children.
+
+Started by :class:`polfuse_lab.engine.client.EngineClient` with the engine's private directory as its argument.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+
+import msgspec
+
+from polfuse_lab.engine import protocol
+from polfuse_lab.engine.directory import ADDRESS, REQUEST, remove
+from polfuse_lab.engine.recorder import WriterProcess
+from polfuse_lab.engine.server import Server
+from polfuse_lab.live import LivePipeline
+from polfuse_lab.plans import Plan
+from polfuse_lab.rig import Rig, parse_model
+from polfuse_lab.scheduler import Scheduler
+
+
+def main(directory: Path) -> None:
+    """Carry out the request in ``directory``, then remove it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    request = msgspec.msgpack.decode((directory / REQUEST).read_bytes(), type=protocol.Request)
+    (directory / REQUEST).unlink()
+    rig = parse_model(request.rig_toml, Rig, request.rig_path)
+    plan = parse_model(request.plan_toml, Plan, request.plan_path)
+    live = LivePipeline(rig)
+    recorder = WriterProcess(Path(request.output))
+    scheduler = Scheduler(
+        rig,
+        plan,
+        Path(request.output),
+        recorder,
+        rig_path=Path(request.rig_path),
+        rig_toml=request.rig_toml,
+        plan_toml=request.plan_toml,
+        viewer=live,
+        on_change=lambda: server.changed(),
+    )
+    server = Server(directory, request, scheduler, live)
+    signal.signal(signal.SIGTERM, lambda *_: scheduler.control.abort("stopped by the system (SIGTERM)"))
+    server.start()
+    address = protocol.Address(server.endpoint, os.getpid(), request.output)
+    unfinished = directory / f"{ADDRESS}.new"
+    unfinished.write_bytes(msgspec.json.encode(address))
+    unfinished.replace(directory / ADDRESS)
+    outcome = scheduler.run()
+    live.close()
+    server.finish(outcome)
+
+
+if __name__ == "__main__":
+    private = Path(sys.argv[1])
+    code = 1
+    try:
+        main(private)
+        code = 0
+    finally:
+        remove(private)
+        sys.stderr.flush()
+        # A driver that hangs in native code must not keep the engine from ending.
+        os._exit(code)

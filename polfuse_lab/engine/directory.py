@@ -1,0 +1,96 @@
+"""Private directories of engines: where an engine's request, its address and its socket are."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import stat
+import sys
+import tempfile
+from pathlib import Path
+
+import msgspec
+import platformdirs
+
+from polfuse_lab.engine import protocol
+
+REQUEST = "request"
+ADDRESS = "address.json"
+TOKEN = "token"
+LOG = "engine.log"
+
+_SOCKET_PATH_BYTES = 100
+"""A Unix socket's path may have 107 bytes on Linux and 103 on macOS."""
+
+
+def root() -> Path:
+    """Folder of all engines of this user, made with mode 0700."""
+    base = Path(platformdirs.user_runtime_dir("polfuse-lab", ensure_exists=False))
+    try:
+        base.mkdir(parents=True, exist_ok=True, mode=0o700)
+    except OSError:
+        base = Path(tempfile.gettempdir()) / f"polfuse-lab-{_user()}"
+        base.mkdir(exist_ok=True, mode=0o700)
+    if os.name == "posix":
+        about = base.stat()
+        if about.st_uid != os.getuid():
+            raise PermissionError(f"{base} belongs to another user")
+        if stat.S_IMODE(about.st_mode) & 0o077:
+            base.chmod(0o700)
+    return base
+
+
+def make() -> Path:
+    """A new, empty, private directory."""
+    return Path(tempfile.mkdtemp(prefix="engine-", dir=root()))
+
+
+def transport(directory: Path) -> str:
+    """``"ipc"`` where Unix sockets can be used in ``directory``, else ``"tcp"`` (loopback, guarded by the token)."""
+    short = len(os.fsencode(directory / "engine.sock")) <= _SOCKET_PATH_BYTES
+    return "ipc" if sys.platform != "win32" and short else "tcp"
+
+
+def address(directory: Path) -> protocol.Address | None:
+    """Where the engine of ``directory`` listens; None while (or when no more) it does not."""
+    try:
+        return msgspec.json.decode((directory / ADDRESS).read_bytes(), type=protocol.Address)
+    except (OSError, msgspec.MsgspecError):
+        return None
+
+
+def running() -> list[Path]:
+    """Directories of all engines of this user whose process lives; what dead ones left is removed."""
+    found = []
+    for directory in sorted(root().glob("engine-*")):
+        known = address(directory)
+        if known is None:
+            continue
+        if _alive(known.pid):
+            found.append(directory)
+        else:
+            remove(directory)
+    return found
+
+
+def remove(directory: Path) -> None:
+    """Remove an engine's directory. Never raises."""
+    with contextlib.suppress(OSError):
+        shutil.rmtree(directory)
+
+
+def _alive(pid: int) -> bool:
+    if os.name != "posix":
+        return True
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _user() -> str:
+    return str(os.getuid()) if os.name == "posix" else os.environ.get("USERNAME", "user")

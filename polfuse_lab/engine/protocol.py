@@ -1,0 +1,153 @@
+"""What the engine and its clients say to each other: MessagePack over one ZeroMQ socket, versioned.
+
+A client says :class:`Attach` first, with the protocol's version and the engine's token, and from then on gets
+:class:`StatusEvent` several times a second. It must be heard from at least every ``SILENCE_S``; a client that falls
+silent is forgotten, and the run goes on without it. :class:`Finished` is the last that an engine says.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+PROTOCOL_VERSION = 1
+SILENCE_S = 10.0
+"""A client that has said nothing for so long is forgotten, s."""
+STATUS_EVERY_S = 0.2
+
+
+class Request(msgspec.Struct, frozen=True):
+    """What an engine is started for; handed over as a file in the engine's private directory."""
+
+    rig_path: str
+    rig_toml: str
+    plan_path: str
+    plan_toml: str
+    output: str
+    token: str
+    transport: str
+    """``"ipc"`` or ``"tcp"``."""
+    version: int = PROTOCOL_VERSION
+
+
+class Address(msgspec.Struct, frozen=True):
+    """Where an engine listens; a file in its private directory, written once it does."""
+
+    endpoint: str
+    pid: int
+    output: str
+    version: int = PROTOCOL_VERSION
+
+
+class Attach(msgspec.Struct, frozen=True, tag=True):
+    """First message of a client."""
+
+    version: int
+    token: str
+
+
+class Abort(msgspec.Struct, frozen=True, tag=True):
+    """Stop now."""
+
+    reason: str = "aborted by the user"
+
+
+class Pause(msgspec.Struct, frozen=True, tag=True):
+    """Pause after the present step."""
+
+
+class Resume(msgspec.Struct, frozen=True, tag=True):
+    """Go on from the last checkpoint."""
+
+
+class AddNote(msgspec.Struct, frozen=True, tag=True):
+    """Store a remark in the session."""
+
+    text: str
+
+
+class Answer(msgspec.Struct, frozen=True, tag=True):
+    """The operator has done what prompt ``ticket`` asks for."""
+
+    ticket: int
+
+
+class Ping(msgspec.Struct, frozen=True, tag=True):
+    """The client lives."""
+
+
+class Detach(msgspec.Struct, frozen=True, tag=True):
+    """The client leaves; the run goes on."""
+
+
+ClientMessage = Attach | Abort | Pause | Resume | AddNote | Answer | Ping | Detach
+
+
+class Prompt(msgspec.Struct, frozen=True):
+    """Something that the operator is to do."""
+
+    ticket: int
+    text: str
+
+
+class PreviewData(msgspec.Struct, frozen=True):
+    """A range profile for display; ``level_db`` is little-endian float32, bin i at i * step_m."""
+
+    number: int
+    position: int
+    x_m: float
+    channel: str
+    step_m: float
+    level_db: bytes
+
+
+class StatusEvent(msgspec.Struct, frozen=True, tag=True):
+    """The state of the run (fields as in :class:`polfuse_lab.scheduler.RunStatus`)."""
+
+    state: str
+    reason: str
+    step: int
+    steps: int
+    position: int
+    positions: int
+    x_m: float | None
+    channel: str
+    eta_s: float | None
+    elapsed_s: float
+    sweeps: int
+    frames: int
+    samples_lost: int
+    frames_lost: int
+    disk_free_bytes: int | None
+    warnings: list[str]
+    prompts: list[Prompt]
+    preview: PreviewData | None = None
+    """The newest range profile, when it is new to this client."""
+
+
+class Refused(msgspec.Struct, frozen=True, tag=True):
+    """The engine will not do what was asked."""
+
+    reason: str
+
+
+class Finished(msgspec.Struct, frozen=True, tag=True):
+    """The run has ended (fields as in :class:`polfuse_lab.scheduler.Outcome`)."""
+
+    state: str
+    reason: str
+    session: str | None
+    positions: int
+    sweeps: int
+    frames: int
+    samples_lost: int
+    frames_lost: int
+    sync_rms_s: float | None
+    seconds: float
+    warnings: list[str]
+
+
+EngineMessage = StatusEvent | Refused | Finished
+
+encode = msgspec.msgpack.Encoder().encode
+decode_client = msgspec.msgpack.Decoder(ClientMessage).decode
+decode_engine = msgspec.msgpack.Decoder(EngineMessage).decode

@@ -1,0 +1,72 @@
+"""Every few seconds one pair of clock readings from each device that has a clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+
+import numpy as np
+
+from drivers.records import ClockFix
+from polfuse_lab.clocks import sync_rms_s
+from polfuse_lab.records import Record
+from polfuse_lab.scheduler.devices import DeviceSet
+from polfuse_lab.session.layout import TABLES
+
+CLOCK_EVERY_S = 5.0
+
+
+class ClockWatch:
+    """Asks radar and camera for clock fixes and keeps them."""
+
+    def __init__(self, devices: DeviceSet, keep: Callable[[Record], None]) -> None:
+        self._devices = devices
+        self._keep = keep
+        self._taken: list[ClockFix] = []
+        self._calls: dict[str, Future[ClockFix | None]] = {}
+        self._due = 0.0
+        self._readers = {
+            kind: device.clock
+            for kind, device in (
+                ("radar", devices.radar),
+                ("camera", devices.camera if "camera" in devices else None),
+            )
+            if device is not None
+        }
+
+    def now(self) -> None:
+        """Take one fix from each device and wait for it. Raises as :meth:`DeviceSet.call`."""
+        for kind, reader in self._readers.items():
+            self._take(self._devices.call(kind, reader))
+        self._due = time.monotonic() + CLOCK_EVERY_S
+
+    def tick(self) -> None:
+        """Called during waits: begin the fixes that are due and keep those that are done; does not wait.
+
+        Raises:
+            DeviceError: a device failed meanwhile.
+        """
+        for kind, call in list(self._calls.items()):
+            if call.done():
+                del self._calls[kind]
+                self._take(call.result())
+        if time.monotonic() < self._due:
+            return
+        self._due = time.monotonic() + CLOCK_EVERY_S
+        for kind, reader in self._readers.items():
+            if kind not in self._calls:
+                self._calls[kind] = self._devices.by_kind[kind].lane.submit(reader)
+
+    def sync_rms_s(self) -> float | None:
+        """Sync uncertainty of what has been recorded, s; None where no device has a clock."""
+        rows = np.zeros(len(self._taken), TABLES["clocks"])
+        for row, fix in zip(rows, self._taken, strict=True):
+            row["device"], row["t_device_s"] = fix.device.encode(), fix.t_device_s
+            row["t_host_ns"], row["round_trip_ns"] = fix.t_host_ns, fix.round_trip_ns
+        return sync_rms_s(rows)
+
+    def _take(self, fix: ClockFix | None) -> None:
+        if fix is not None:
+            self._taken.append(fix)
+            self._keep(fix)

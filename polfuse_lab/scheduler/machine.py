@@ -1,0 +1,336 @@
+"""The scheduler: a small state machine that carries out a plan's steps. Only it touches devices."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+from drivers.errors import DeviceError
+from polfuse_lab.errors import PolfuseError
+from polfuse_lab.plans import Plan
+from polfuse_lab.plans.dry_run import DryRun, dry_run, step_seconds
+from polfuse_lab.plans.steps import Checkpoint, Step
+from polfuse_lab.records import Event, Note, Record
+from polfuse_lab.rig import Rig
+from polfuse_lab.scheduler.actions import Actions, describe
+from polfuse_lab.scheduler.clock_watch import ClockWatch
+from polfuse_lab.scheduler.control import Aborted, Control
+from polfuse_lab.scheduler.devices import DeviceSet, make_devices
+from polfuse_lab.scheduler.prompts import Prompts
+from polfuse_lab.scheduler.status import Outcome, RunState, RunStatus
+from polfuse_lab.session.layout import SessionConfig
+from polfuse_lab.session.naming import check_free_name, partial_path
+from processing.errors import DataError
+
+FLUSH_S = 30.0
+
+
+class Recorder(Protocol):
+    """Where records go; :class:`polfuse_lab.engine.recorder.WriterProcess` is the usual one."""
+
+    free_bytes: int | None
+
+    def open(self, config: SessionConfig, *, expected_bytes: int = 0) -> None:
+        """Declare the session."""
+
+    @property
+    def failure(self) -> PolfuseError | None:
+        """Why nothing more can be written."""
+
+    def offer(self, record: Record) -> bool:
+        """Take a record, or say that there is no room at present."""
+
+    def flush(self) -> int:
+        """Begin to bring everything to the disk; return a ticket."""
+
+    def flushed(self, ticket: int) -> bool:
+        """Whether that is done."""
+
+    def close(self, state: str, reason: str) -> Path:
+        """Finish the session."""
+
+    def kill(self) -> None:
+        """Give up."""
+
+
+class Viewer(Protocol):
+    """Who looks at the records as they are made; :class:`polfuse_lab.live.LivePipeline` is the usual one."""
+
+    def offer(self, record: Record) -> None:
+        """Take a record; must return at once."""
+
+    @property
+    def fatal(self) -> str | None:
+        """Why the collect is pointless."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know."""
+
+
+class Scheduler:
+    """One run of one plan on one rig.
+
+    :meth:`run` blocks until the run has ended; :attr:`control`, :attr:`prompts`, :meth:`status` and :meth:`note` may be
+    used from other threads meanwhile.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        plan: Plan,
+        output: Path,
+        recorder: Recorder,
+        *,
+        rig_path: Path = Path("rig"),
+        rig_toml: str | None = None,
+        plan_toml: str | None = None,
+        viewer: Viewer | None = None,
+        on_change: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.control = Control()
+        self.prompts = Prompts()
+        self._rig = rig
+        self._plan = plan
+        self._output = output
+        self._recorder = recorder
+        self._rig_path = rig_path
+        self._texts = (rig_toml, plan_toml)
+        self._viewer = viewer
+        self._on_change = on_change
+        self._lock = threading.Lock()
+        self._status = RunStatus()
+        self._notes: list[Note] = []
+        self._began = time.monotonic()
+        self._recording = False
+        self._devices: DeviceSet | None = None
+        self._actions: Actions | None = None
+        self._clocks: ClockWatch | None = None
+
+    def status(self) -> RunStatus:
+        """The present status."""
+        with self._lock:
+            return self._status
+
+    def note(self, text: str) -> None:
+        """Add a remark to the session."""
+        with self._lock:
+            self._notes.append(Note(text, time.monotonic_ns()))
+
+    def run(self) -> Outcome:
+        """Carry out the plan. Never raises: how it ended is in the outcome."""
+        self._began = time.monotonic()
+        state, reason = "failed", ""
+        try:
+            self._enter(RunState.PREPARING, "checking the plan")
+            planned = self._prepare()
+            self._execute(planned.steps)
+            state, reason = "finished", "all steps carried out"
+        except Aborted as stop:
+            state, reason = "aborted", str(stop)
+        except (DeviceError, PolfuseError, DataError) as error:
+            reason = str(error)
+        except Exception as error:
+            reason = f"{type(error).__name__}: {error}; this is a defect of the program: report it"
+        return self._end(state, reason)
+
+    def _prepare(self) -> DryRun:
+        planned = dry_run(self._rig, self._plan)
+        if planned.problems:
+            raise PolfuseError(planned.problems[0], where="plan", advice="see 'polfuse plan'")
+        check_free_name(self._output)
+        self._set(steps=len(planned.steps), positions=len(self._plan.positions_m))
+        self.control.tick = self._tick
+        self._enter(RunState.PREPARING, "opening the devices")
+        optics = self._plan.optics is not None
+        self._devices = make_devices(self._rig, self._rig_path, self.prompts, self.control, optics=optics)
+        self._devices.open_all()
+        self._enter(RunState.PREPARING, "listening to the radar")
+        self._actions = Actions(self._rig, self._plan, self._devices, self.control, self.prompts, self._keep)
+        self._clocks = ClockWatch(self._devices, self._keep)
+        block = self._actions.probe()
+        self._enter(RunState.PREPARING, "beginning the session file")
+        rig_toml, plan_toml = self._texts
+        config = SessionConfig(
+            source="collect",
+            waveform=self._rig.waveform,
+            sample_rate_hz=block.sample_rate_hz,
+            sample_dtype=block.samples.dtype.name,
+            audio_channels=block.samples.shape[1],
+            audio_block_frames=self._actions.record_frames(self._plan.sweeps_per_channel),
+            frame_shape=self._devices.camera.shape if optics else None,
+            frame_dtype="uint8"
+            if optics and self._rig.camera and self._rig.camera.pixel_format == "Mono8"
+            else "uint16",
+            rig_toml=rig_toml,
+            plan_toml=plan_toml,
+            identities=self._devices.identities,
+        )
+        self.control.check()
+        self._recorder.open(config, expected_bytes=planned.bytes)
+        self._recording = True
+        return planned
+
+    def _execute(self, planned: tuple[Step, ...]) -> None:
+        assert self._actions is not None
+        assert self._clocks is not None
+        times = list(step_seconds(self._rig, planned))
+        started, paused_s, expected_done = time.monotonic(), 0.0, 0.0
+        index = checkpoint = 0
+        self._clocks.now()
+        while index < len(planned):
+            if self.control.pausing:
+                before = time.monotonic()
+                self._pause()
+                paused_s += time.monotonic() - before
+                if index != checkpoint:
+                    self._actions.repeat()
+                    self._event("resumed", f"repeating from step {checkpoint + 1} since the collect was paused")
+                    index = checkpoint
+            step = planned[index]
+            spent = time.monotonic() - started - paused_s
+            self._set(eta_s=sum(times[index:]) * _pace(spent, expected_done))
+            self._enter(RunState.RUNNING, describe(step))
+            self._actions.do(step)
+            expected_done += times[index]
+            index += 1
+            self._set(step=index)
+            if isinstance(step, Checkpoint):
+                self._flush()
+                checkpoint = index
+        self._clocks.now()
+        self._flush()
+        self._set(eta_s=0.0)
+
+    def _pause(self) -> None:
+        self._enter(RunState.PAUSED, "paused by the user")
+        self._event("paused", "paused by the user")
+        while self.control.pausing:
+            self.control.slice()
+
+    def _flush(self) -> None:
+        self._drain_notes()
+        ticket = self._recorder.flush()
+        end = time.monotonic() + FLUSH_S
+        while not self._recorder.flushed(ticket):
+            self.control.slice()
+            if time.monotonic() > end:
+                raise PolfuseError(
+                    f"the disk did not finish writing within {FLUSH_S:.0f} s",
+                    where=str(self._output),
+                    advice="check the disk",
+                )
+
+    def _keep(self, record: Record) -> None:
+        """Give a record to the session (waiting while its queue is full) and to the viewer."""
+        while not self._recorder.offer(record):
+            self.control.slice()
+        if self._viewer is not None:
+            self._viewer.offer(record)
+
+    def _event(self, kind: str, text: str) -> None:
+        self._keep(Event(kind, text, time.monotonic_ns()))
+
+    def _drain_notes(self) -> None:
+        with self._lock:
+            notes, self._notes = self._notes, []
+        for number, note in enumerate(notes):
+            if not self._recorder.offer(note):
+                with self._lock:
+                    self._notes[:0] = notes[number:]
+                return
+
+    def _tick(self) -> None:
+        """What goes on during every wait: the writer's and the viewer's word, clock fixes, the elapsed time."""
+        if self._recording:
+            if self._recorder.failure is not None:
+                raise self._recorder.failure
+            self._drain_notes()
+            if self._clocks is not None:
+                self._clocks.tick()
+        if self._viewer is not None and self._viewer.fatal is not None:
+            raise PolfuseError(self._viewer.fatal, where="radar", advice="see 'polfuse doctor'")
+        self._count()
+
+    def _count(self) -> None:
+        counts = self._actions.counts() if self._actions is not None else {}
+        warnings = (self._actions.warnings if self._actions is not None else ()) + (
+            self._viewer.warnings if self._viewer is not None else ()
+        )
+        self._set(
+            elapsed_s=time.monotonic() - self._began,
+            disk_free_bytes=self._recorder.free_bytes,
+            warnings=warnings,
+            **counts,
+        )
+
+    def _end(self, state: str, reason: str) -> Outcome:
+        self.control.tick = lambda: None
+        self._enter(RunState.STOPPING, reason)
+        troubles = self._devices.make_safe() if self._devices is not None else []
+        session: Path | None = None
+        if self._recording:
+            self._recording = False
+            try:
+                self._finish_records(state, reason, troubles)
+                session = self._recorder.close(state, reason)
+            except PolfuseError as error:
+                # What the writer says of its own end (disk full, killed) is the reason, not a consequence of it.
+                state, reason = "failed", reason if error.what in reason else str(error)
+                session = _left_behind(self._output)
+            self._recorder.kill()
+        if self._devices is not None:
+            self._devices.close_all()
+        self._count()
+        status = self.status()
+        outcome = Outcome(
+            state=state,
+            reason=reason,
+            session=session,
+            positions=self._actions.positions_done if self._actions else 0,
+            sweeps=status.sweeps,
+            frames=status.frames,
+            samples_lost=status.samples_lost,
+            frames_lost=status.frames_lost,
+            sync_rms_s=self._clocks.sync_rms_s() if self._clocks else None,
+            seconds=time.monotonic() - self._began,
+            warnings=(*status.warnings, *troubles),
+        )
+        self._set(warnings=outcome.warnings)
+        self._enter(RunState.FINISHED, reason)
+        return outcome
+
+    def _finish_records(self, state: str, reason: str, troubles: list[str]) -> None:
+        self._drain_notes()
+        for text in troubles:
+            self._recorder.offer(Event("unsafe", text, time.monotonic_ns()))
+        self._recorder.offer(Event(state, reason, time.monotonic_ns()))
+
+    def _enter(self, state: RunState, reason: str) -> None:
+        self._set(state=state, reason=reason)
+        self._on_change()
+
+    def _set(self, **changes: object) -> None:
+        with self._lock:
+            self._status = dataclasses.replace(self._status, **changes)  # type: ignore[arg-type]
+
+
+def _pace(spent: float, expected: float) -> float:
+    """How much slower than expected the run has been, once there is something to go by."""
+    return min(max(spent / expected, 0.2), 10.0) if expected > 2.0 else 1.0
+
+
+def _frame_type(rig: Rig) -> str:
+    return "uint8" if rig.camera is not None and rig.camera.pixel_format == "Mono8" else "uint16"
+
+
+def _left_behind(output: Path) -> Path | None:
+    """The session's file after its writer failed: closed under its final name, or still partial."""
+    for path in (output, partial_path(output)):
+        if path.is_file():
+            return path
+    return None
