@@ -1,0 +1,1 @@
+"""The radar: its beat and antennas, sync, range profiles, Doppler and tracks."""

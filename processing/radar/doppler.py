@@ -79,6 +79,31 @@ def range_doppler(
     return spectrum[order], speed[order]
 
 
+def mean_range_doppler(
+    profiles: NDArray[np.complexfloating], period_s: float, wavelength_m: float, *, sweeps: int = 64
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean power of the range-Doppler maps of half-overlapping blocks (Welch 1967), for long records.
+
+    Args:
+        profiles: (sweeps, bins).
+        period_s: time between sweeps, s.
+        wavelength_m: wavelength, m.
+        sweeps: length of a block; short enough that targets stay within a range cell.
+
+    Returns:
+        (speeds, bins) power, and the (speeds,) range rates in m/s as :func:`range_doppler`.
+
+    Raises:
+        DataError: fewer than two sweeps.
+    """
+    _enough(profiles)
+    length = min(max(sweeps, 2), len(profiles))
+    starts = range(0, len(profiles) - length + 1, max(length // 2, 1))
+    maps = [range_doppler(profiles[start : start + length], period_s, wavelength_m) for start in starts]
+    power: NDArray[np.float64] = np.mean([np.abs(values) ** 2 for values, _ in maps], axis=0)
+    return power, maps[0][1]
+
+
 def _enough(profiles: NDArray[np.complexfloating]) -> None:
     if profiles.ndim != 2 or len(profiles) < 2:
         raise DataError(f"{len(profiles)} sweep(s) hold no movement", "record at least two sweeps")

@@ -10,7 +10,7 @@ the same numbers wherever in a recording it stands.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -139,6 +139,21 @@ def find_sync(
     column, ramps = max(found, key=lambda item: item[1].bilevel)
     inverted, source = _polarity(ramps, polarity, None if ramp_up_s is None else ramp_up_s * sample_rate_hz)
     return _sync(values[:, column], column, ramps, inverted, source, sample_rate_hz)
+
+
+def opposite(sync: Sync) -> Sync | None:
+    """The sweep clock of the other level: each of its runs lasts from the end of an up-ramp to the next one's start.
+
+    None where the record holds no such run, or where they are shorter than a quarter of the up-ramps (a saw-tooth).
+    """
+    following = np.searchsorted(sync.edges, sync.ends)
+    inside = following < len(sync.edges)
+    starts, ends = sync.ends[inside], sync.edges[following[inside]]
+    expected = sync.period_samples - sync.ramp_samples
+    good = np.abs(ends - starts - expected) < _REGULAR * sync.period_samples
+    if not good.any() or expected < sync.ramp_samples / 4:
+        return None
+    return replace(sync, inverted=not sync.inverted, starts=starts[good], ends=ends[good], edges=sync.ends)
 
 
 @dataclass(frozen=True)

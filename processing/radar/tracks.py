@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from processing.errors import DataError
 from processing.radar.doppler import remove_background, unambiguous_speed_m_s
 from processing.radar.line_fit import breaks, robust_line
+from processing.radar.ridges import best_path
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class TrackSettings:
     min_speed_m_s: float = 0.4
     """Slower stretches are not reported: what the background leaves behind stands still, m/s."""
     min_duration_s: float = 0.6
-    """Shortest stretch, s."""
+    """Shortest stretch, s; stretches within one resolution cell are not reported either."""
     background_s: float = 1.0
     """Length of the sliding mean that is removed, s."""
     min_range_m: float = 0.0
@@ -71,7 +72,7 @@ def find_tracks(
     resolution_m: float,
     settings: TrackSettings | None = None,
 ) -> list[Track]:
-    """Tracks of moving targets, earliest first.
+    """Tracks of moving targets, the most evident (largest sum of levels in dB over the noise) first.
 
     Args:
         profiles: (sweeps, bins) complex range profiles from one place, in the order of time.
@@ -94,34 +95,47 @@ def find_tracks(
     if not np.isfinite(profiles).all():
         raise DataError("the range profiles contain undefined samples", "leave out the sweeps that have them")
     period = float(np.median(np.diff(time_s)))
-    moving = remove_background(profiles, min(max(round(settings.background_s / period), 4), count))
+    moving = remove_background(profiles, _background_sweeps(settings, period, count))
     level_db = noise_normalised_db(moving)
     score = _score(level_db, range_m, settings, resolution_m)
     shortest = max(int(np.ceil(settings.min_duration_s / period)), 4)
+    speeds = _speeds(range_m[1] - range_m[0], period, settings.max_speed_m_s, resolution_m)
     tracks: list[Track] = []
     for _ in range(settings.max_tracks):
-        path = _best_path(score, range_m[1] - range_m[0], period, settings.max_speed_m_s, resolution_m)
-        if path is None or len(path[0]) < shortest:
+        path = best_path(score, speeds)
+        if path.total < _LEAST_TOTAL_DB or len(path.rows) < shortest:
             break
-        rows, columns = _best_section(score, *path, shortest)
+        rows, columns = _best_section(score, path.rows, path.columns, shortest)
         positions = _refine(level_db, range_m, columns, rows, resolution_m)
         for first, last in breaks(
             time_s[rows], positions, sd=resolution_m / 2, penalty=_BREAK_PENALTY, shortest=shortest
         ):
             piece = slice(first, last)
             track = _track(moving, level_db, time_s, range_m, rows[piece], positions[piece], wavelength_m, period)
-            if abs(track.speed_m_s) >= max(settings.min_speed_m_s, 3 * track.speed_sd_m_s):
+            slowest = max(settings.min_speed_m_s, 3 * track.speed_sd_m_s)
+            if abs(track.speed_m_s) >= slowest and abs(track.r1_m - track.r0_m) >= resolution_m:
                 tracks.append(track)
         _erase(score, level_db, rows, columns, resolution_m / (range_m[1] - range_m[0]), shortest)
-    return sorted(tracks, key=lambda track: (track.t0_s, track.r0_m))
+    return sorted(tracks, key=lambda track: -track.snr_db * len(track.sweeps))
 
 
 _BREAK_PENALTY = 60.0  # in squared sd: a bend must explain this much
-_SCORE_BIAS_DB = 5.0  # noise exceeds its median by 5 dB in a tenth of the cells
+_SCORE_BIAS_DB = 4.0  # noise exceeds its median by 4 dB in a sixth of the cells
 _SCORE_TOP_DB = 20.0
-_TURN_COST = 2.0  # dB for a change of one speed step from sweep to sweep
 _WIDEST_CELLS = 10.0  # half the greatest extent of one target, in resolution cells
-_LEAST_TOTAL_DB = 120.0  # sum of scores that noise alone does not reach (see the tests)
+_LEAST_TOTAL_DB = 80.0  # sum of scores that noise alone does not reach (see the tests)
+
+
+def moving_level_db(
+    profiles: NDArray[np.complexfloating], period_s: float, settings: TrackSettings | None = None
+) -> NDArray[np.float64]:
+    """What moves, in dB over the noise: (sweeps, bins), the picture in which :func:`find_tracks` searches."""
+    settings = settings or TrackSettings()
+    return noise_normalised_db(remove_background(profiles, _background_sweeps(settings, period_s, len(profiles))))
+
+
+def _background_sweeps(settings: TrackSettings, period_s: float, count: int) -> int:
+    return min(max(round(settings.background_s / period_s), 4), count)
 
 
 def noise_normalised_db(moving: NDArray[np.complexfloating]) -> NDArray[np.float64]:
@@ -143,49 +157,11 @@ def _score(
     return score
 
 
-def _best_path(
-    score: NDArray[np.float64], step_m: float, period_s: float, max_speed_m_s: float, resolution_m: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
-    """Rows and columns of the path with the largest total score, or None where noise could have made it."""
-    count, bins = score.shape
-    # A speed step moves a path by one resolution cell within 40 sweeps.
+def _speeds(step_m: float, period_s: float, max_speed_m_s: float, resolution_m: float) -> NDArray[np.float64]:
+    """Speeds of the search, bins per sweep: neighbouring ones part by one resolution cell within 40 sweeps."""
     speed_step = resolution_m / (40 * period_s)
     half = max(int(np.ceil(max_speed_m_s / speed_step)), 1)
-    speeds = np.arange(-half, half + 1) * speed_step * period_s / step_m  # columns per sweep
-    column = np.arange(bins)
-    total = np.zeros((len(speeds), bins))
-    choice = np.zeros((count, len(speeds), bins), dtype=np.int8)
-    best = (-np.inf, 0, 0, 0)
-    padded = np.empty((len(speeds) + 2, bins))
-    for row in range(count):
-        shift = (np.round(speeds * row) - np.round(speeds * (row - 1))).astype(np.intp)
-        source = column[None, :] - shift[:, None]
-        valid = (source >= 0) & (source < bins)
-        padded[0] = padded[-1] = -np.inf
-        padded[1:-1] = total
-        options = np.stack([padded[1:-1], padded[:-2] - _TURN_COST, padded[2:] - _TURN_COST])
-        turn = np.argmax(options, axis=0)
-        come = np.take_along_axis(options, turn[None], axis=0)[0]
-        index = np.clip(source, 0, bins - 1)
-        come, turn = np.take_along_axis(come, index, axis=1), np.take_along_axis(turn, index, axis=1)
-        begin = ~valid | (come <= 0)
-        choice[row] = np.where(begin, -1, turn)
-        total = score[row] + np.where(begin, 0.0, come)
-        top = int(np.argmax(total))
-        if total.flat[top] > best[0]:
-            best = (float(total.flat[top]), row, *divmod(top, bins))
-    value, row, speed, at = best
-    if value < _LEAST_TOTAL_DB:
-        return None
-    rows, columns = [row], [at]
-    while choice[row, speed, at] >= 0:
-        turn_taken = int(choice[row, speed, at])
-        at -= int(np.round(speeds[speed] * row) - np.round(speeds[speed] * (row - 1)))
-        speed += (0, -1, 1)[turn_taken]
-        row -= 1
-        rows.append(row)
-        columns.append(at)
-    return np.array(rows[::-1], dtype=np.intp), np.array(columns[::-1], dtype=np.intp)
+    return np.arange(-half, half + 1, dtype=np.float64) * np.float64(speed_step * period_s / step_m)
 
 
 def _refine(
