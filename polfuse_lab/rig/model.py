@@ -181,7 +181,14 @@ def check_options(rig: Rig, path: Path) -> None:
 
 
 def driver_options(rig: Rig, kind: str, path: Path | str = "rig") -> Any:
-    """The validated ``Options`` object of one device's driver. Raises :class:`FileMistake`."""
+    """The validated ``Options`` object of one device's driver.
+
+    What the device's section says already (``length_m``, ``exposure_s``, …) is handed to a driver that has an option of
+    that name, so that it is written once.
+
+    Raises:
+        FileMistake: an unknown driver, an option that it does not take, or one that contradicts the section.
+    """
     from drivers import registry
 
     path = Path(path)
@@ -195,8 +202,21 @@ def driver_options(rig: Rig, kind: str, path: Path | str = "rig") -> Any:
         place = f"line {line}, " if line else ""
         names = ", ".join(registry.available(kind))
         raise FileMistake(path, [f"{place}{kind}.driver: found {section.driver!r}, allowed: {names}"]) from None
+    shared = {
+        name: getattr(section, name) for name in options.__dataclass_fields__ if name in type(section).model_fields
+    }
+    if contradictions := [name for name in shared if not _same(section.options.get(name, shared[name]), shared[name])]:
+        mistakes = []
+        for name in contradictions:
+            line = line_of(text, (kind, "options", name))
+            place = f"line {line}, " if line else ""
+            found, allowed = section.options[name], shared[name]
+            mistakes.append(
+                f"{place}{kind}.options.{name}: found {found!r}, allowed: {allowed!r} as {kind}.{name} says"
+            )
+        raise FileMistake(path, mistakes)
     try:
-        return TypeAdapter(options).validate_python(section.options)
+        return TypeAdapter(options).validate_python({**shared, **section.options})
     except ValidationError as error:
         mistakes = []
         fields = ", ".join(options.__dataclass_fields__)
@@ -209,3 +229,8 @@ def driver_options(rig: Rig, kind: str, path: Path | str = "rig") -> Any:
             found = "nothing" if item["type"] in ("missing", "missing_argument") else repr(item["input"])
             mistakes.append(f"{place}{'.'.join(map(str, location))}: found {found}, allowed: {allowed}")
         raise FileMistake(path, mistakes) from None
+
+
+def _same(option: Any, field: Any) -> bool:
+    # TOML has lists only, models have tuples.
+    return bool(tuple(option) == field if isinstance(option, list) and isinstance(field, tuple) else option == field)

@@ -13,7 +13,7 @@ import pytest
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.plans import load_plan
-from polfuse_lab.rig import load_rig
+from polfuse_lab.rig import driver_options, load_rig
 from polfuse_lab.rig.examples import write_examples
 
 
@@ -83,3 +83,16 @@ def test_the_command(tmp_path: Path) -> None:
     assert (second.returncode, second.stdout) == (1, "")
     assert second.stderr.count("\n") == 1
     assert "already" in second.stderr
+
+
+def test_a_section_and_its_driver_agree(tmp_path: Path) -> None:
+    path = write_examples(tmp_path)["rig"]
+    rig = load_rig(path)
+    camera = driver_options(rig, "camera", path)
+    # Written once, in [camera] and [trolley]: the driver is handed what the section says.
+    assert (camera.exposure_s, camera.width_px, camera.pixel_format) == (0.002, 782, "Mono16")
+    assert driver_options(rig, "trolley", path).length_m == rig.trolley.length_m
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace('cti = ""', 'cti = ""\nexposure_s = 0.5'), encoding="utf-8")
+    with pytest.raises(PolfuseError, match=r"line \d+, camera\.options\.exposure_s: found 0\.5, allowed: 0\.002 as"):
+        load_rig(path)
