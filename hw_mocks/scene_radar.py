@@ -10,12 +10,14 @@ import threading
 import time
 from collections import deque
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
+from drivers.options import checked
 from drivers.records import AudioBlock, ClockFix, Identity, Level
 from hw_mocks.loopback import HOST, MAX_LINE, Address, connect
 from hw_mocks.sound_card.stream_server import HEADER
@@ -43,17 +45,17 @@ class SceneRadar:
     class Options:
         """Settings of the simulated audio port."""
 
-        __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
+        __pydantic_config__: ClassVar[dict[str, object]] = {"extra": "forbid", "allow_inf_nan": False}
 
         url: str
         """Address that 'polfuse sim' printed."""
-        sample_rate_hz: float = 48_000.0
+        sample_rate_hz: Annotated[float, Ge(8_000), Le(384_000)] = 48_000.0
         """Sample rate, Hz; the simulator must run at the same."""
-        timeout_s: float = 2.0
+        timeout_s: Annotated[float, Gt(0), Le(60)] = 2.0
         """Time without any sample after which the port counts as stalled, s."""
 
     def __init__(self, options: Options) -> None:
-        self._options = options
+        self._options = checked(options)
         self._address = Address.parse(options.url)
         self._where = f"tcp://{HOST}:{self._address.port}"
         self._lock = threading.Lock()

@@ -12,12 +12,14 @@ import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from drivers.errors import DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
+from drivers.options import checked
 from drivers.radar import portaudio
 from drivers.radar.devices import find_device
 from drivers.radar.ring import SampleRing
@@ -48,25 +50,25 @@ class SoundPort:
     class Options:
         """Settings of the audio port."""
 
-        __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
+        __pydantic_config__: ClassVar[dict[str, object]] = {"extra": "forbid", "allow_inf_nan": False}
 
         device: str = ""
         """Name of the sound card, or a part of it that only one has; empty for the system's default."""
-        sample_rate_hz: float = 48_000.0
+        sample_rate_hz: Annotated[float, Ge(8_000), Le(384_000)] = 48_000.0
         """Sample rate, Hz."""
         sample_format: Literal["int16", "int32", "float32"] = "int16"
         """Sample type; samples are stored exactly as delivered."""
-        block_frames: int = 480
+        block_frames: Annotated[int, Ge(0), Le(65_536)] = 480
         """Frames per callback; 0 leaves it to PortAudio."""
-        latency_s: float = 0.1
+        latency_s: Annotated[float, Gt(0), Le(2)] = 0.1
         """Buffer asked of the sound system, s; longer survives longer pauses of the computer, and delivers later."""
-        guard_s: float = 0.06
+        guard_s: Annotated[float, Ge(0), Le(10)] = 0.06
         """Frames sampled less than this after a record was asked for are discarded, s; above the path's least delay."""
-        stall_timeout_s: float = 2.0
+        stall_timeout_s: Annotated[float, Gt(0), Le(60)] = 2.0
         """Time without any sample after which the port counts as stalled, s."""
-        open_timeout_s: float = 8.0
+        open_timeout_s: Annotated[float, Gt(0), Le(60)] = 8.0
         """Time that the sound system may take to open or close the port, s."""
-        ring_s: float = 8.0
+        ring_s: Annotated[float, Ge(1), Le(600)] = 8.0
         """Samples kept while nobody asks for them, s."""
         check_pace: bool = True
         """Compare the frame count with the host's clock. False only for file devices, which know no time."""
@@ -74,14 +76,8 @@ class SoundPort:
         """Environment of the sound system: ALSA_*, PULSE_*, JACK_*, XDG_RUNTIME_DIR."""
 
     def __init__(self, options: Options) -> None:
+        checked(options)
         portaudio.check_environment(options.environment)
-        for name in ("sample_rate_hz", "latency_s", "stall_timeout_s", "open_timeout_s", "ring_s"):
-            if not 0 < getattr(options, name) < 1e6:
-                self._refuse_option(name, getattr(options, name), "a positive number")
-        if not 0 <= options.guard_s < 10:
-            self._refuse_option("guard_s", options.guard_s, "0 to 10 s")
-        if not 0 <= options.block_frames <= 65_536:
-            self._refuse_option("block_frames", options.block_frames, "0 to 65536")
         self._options = options
         self._where = f"radar audio port {options.device!r}" if options.device else "radar audio port"
         self._lock = threading.RLock()
@@ -92,11 +88,6 @@ class SoundPort:
         self._next_arrival = 0
         self._ended = threading.Event()
         self._request: _Request | None = None
-
-    def _refuse_option(self, name: str, found: object, allowed: str) -> None:
-        raise DeviceRefused(
-            f"{name} is {found!r}, allowed: {allowed}", where="radar.options", advice="correct the rig file"
-        )
 
     # -- opening and closing ------------------------------------------------------------------------------------------
 

@@ -21,7 +21,7 @@ from hw_mocks.sound_card.settings import AudioSettings
 from hw_mocks.world import World
 from polfuse_lab.rig import Geometry, Waveform
 from processing.radar.antenna import boresight, one_way_gain
-from processing.radar.beat import TriangleFm, beat, beat_of_ranges, sync
+from processing.radar.beat import TriangleFm, beat_of_ranges, sync
 from processing.scene.model import Scene
 from processing.scene.radar_response import scatterers
 
@@ -43,6 +43,7 @@ class Synthesizer:
         self._scene, self._world, self._audio, self._seed = scene, world, audio, seed
         self._beamwidth_rad = math.radians(geometry.beamwidth_deg)
         self._axis = boresight(math.radians(geometry.antenna_elevation_deg))
+        self._range_offset_m = geometry.range_offset_m
         self._wavelength_m = waveform.wavelength_m
         self.sweep = TriangleFm(
             waveform.centre_hz,
@@ -129,8 +130,14 @@ class Synthesizer:
         amplitudes = effective_amplitudes(self._scene, middle, centres, scattering, self._axis, self._beamwidth_rad)[
             :, POLARIZATIONS[receive], POLARIZATIONS[transmit]
         ]
-        position = antenna[0] if len(antenna) == 1 else antenna
-        return beat(self._frequency_hz[within], self._slope_hz_s[within], position, centres, amplitudes)
+        ranges = np.linalg.norm(antenna[:, None, :] - centres, axis=-1)
+        return beat_of_ranges(
+            self._frequency_hz[within],
+            self._slope_hz_s[within],
+            # Cables and electronics delay, but do not spread.
+            ranges + self._range_offset_m,
+            amplitudes / ranges**2,
+        )
 
     def _noise(self, place: int, transmit: str, receive: str) -> Floats:
         """Noise (cycle, 2) of beat and sync, a function of its arguments and the seed alone."""

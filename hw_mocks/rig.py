@@ -1,0 +1,229 @@
+"""A whole simulated rig: serial devices and sound card at the wire, the camera in process, all looking at one scene."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+from hw_mocks.grbl import start_grbl
+from hw_mocks.rotator import start_rotator
+from hw_mocks.scene_file import SceneFile, load_scene_file
+from hw_mocks.sound_card import PulseSource, Sink, SoundCard, StreamServer, Synthesizer, available_paths
+from hw_mocks.switch_box import start_switch_box
+from hw_mocks.wire import Kind, Wire
+from hw_mocks.world import World
+from hw_mocks.world_link import WorldServer
+from polfuse_lab.errors import PolfuseError
+
+Audio = Literal["auto", "pulse", "tcp"]
+
+ACTUATION_S = 0.015
+SETTLE_S = 0.03
+"""Twice the simulated switches' actuation."""
+PULSE_LATENCY_S = 0.02
+PULSE_GUARD_S = 0.02
+"""Over the private PulseAudio server a change of the world arrives within 2 ms of the frame count's estimate."""
+
+
+class SimulatedRig:
+    """Runs from construction to :meth:`close`; use it with ``with``.
+
+    Args:
+        scene_path: scene file.
+        directory: where the rig keeps its copy of the scene (made if absent).
+        seed: of all noise; the scene file's own if left out.
+        audio: ``"pulse"`` (PortAudio over a private PulseAudio server), ``"tcp"`` (loopback, needs nothing installed),
+            or ``"auto"`` for the best that this machine has. The stream over TCP is always there as well.
+        serial: ``"pty"`` or ``"tcp"`` for the serial devices; the best that this machine has if left out.
+
+    Raises:
+        PolfuseError: the scene file is wrong, or the audio path asked for is not installed.
+    """
+
+    def __init__(
+        self,
+        scene_path: Path | str,
+        directory: Path | str,
+        *,
+        seed: int | None = None,
+        audio: Audio = "auto",
+        serial: Kind | None = None,
+    ) -> None:
+        self.file: SceneFile = load_scene_file(scene_path)
+        self.seed = self.file.seed if seed is None else seed
+        if self.seed < 0:
+            raise PolfuseError(f"found seed {seed}", where="simulated rig", advice="give a seed of 0 or more")
+        self.world = World()
+        self._directory = Path(directory)
+        self._directory.mkdir(parents=True, exist_ok=True)
+        self._scene_copy = (self._directory / "scene.toml").resolve()
+        if Path(scene_path).resolve() != self._scene_copy:
+            # The camera reads the scene when it opens: it must be the one that the radar sees.
+            shutil.copyfile(scene_path, self._scene_copy)
+        self._closing = contextlib.ExitStack()
+        try:
+            self._start(audio, serial)
+        except BaseException:
+            self.close()
+            raise
+
+    def _start(self, audio: Audio, serial: Kind | None) -> None:
+        world, file = self.world, self.file
+        self._pulse = self._open_pulse(audio)
+        self.switches = self._wire(start_switch_box(world, actuation_s=ACTUATION_S, kind=serial))
+        self.trolley = self._wire(
+            start_grbl(world, length_m=file.rail.length_m, feed_limit_m_s=file.rail.speed_m_s, kind=serial)
+        )
+        self.polarizer = self._wire(start_rotator(world, kind=serial))
+        self.link = self._closing.enter_context(WorldServer(world))
+        self.stream = StreamServer(file.audio.sample_rate_hz)
+        sinks: list[Sink] = [self.stream] if self._pulse is None else [self.stream, self._pulse]
+        synthesizer = Synthesizer(file.scene(), file.waveform, file.geometry, file.audio, world, self.seed)
+        self.sound_card = SoundCard(synthesizer, sinks)
+        self._closing.callback(self.sound_card.close)
+        self.sound_card.start()
+
+    def _wire(self, wire: Wire) -> Wire:
+        self._closing.callback(wire.close)
+        return wire
+
+    def _open_pulse(self, audio: Audio) -> PulseSource | None:
+        if audio == "tcp" or (audio == "auto" and "pulse" not in available_paths()):
+            return None
+        if "pulse" not in available_paths():
+            raise PolfuseError(
+                "PortAudio over PulseAudio is not installed",
+                where="simulated rig",
+                advice="apt-get install libportaudio2 libasound2-plugins pulseaudio, or use audio = 'tcp'",
+            )
+        try:
+            return PulseSource(self.file.audio.sample_rate_hz)
+        except PolfuseError:
+            if audio == "pulse":
+                raise
+            return None
+
+    def __enter__(self) -> SimulatedRig:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End all devices. Idempotent."""
+        self._closing.close()
+
+    def check(self) -> None:
+        """Raise what ended the sound card by itself, if anything did.
+
+        Raises:
+            PolfuseError: the simulated sound card failed.
+        """
+        failure = self.sound_card.failure
+        if failure is not None:
+            raise PolfuseError(
+                f"the simulated sound card failed ({failure})", where="simulated rig", advice="check the scene file"
+            ) from failure
+
+    @property
+    def audio(self) -> str:
+        """``"pulse"`` or ``"tcp"``: how the rig file reaches the sound card."""
+        return "tcp" if self._pulse is None else "pulse"
+
+    @property
+    def endpoints(self) -> dict[str, str]:
+        """Where each device is reached: serial addresses, the sound card's name, the loopback services."""
+        radar = self.stream.url if self._pulse is None else f"portaudio:{self._pulse.device}"
+        return {
+            "switches": self.switches.url,
+            "trolley": self.trolley.url,
+            "polarizer": self.polarizer.url,
+            "radar": radar,
+            "audio_stream": self.stream.url,
+            "world": self.link.url,
+        }
+
+    def write_rig(self, path: Path | str | None = None) -> Path:
+        """Write a rig file that reaches this rig (``rig.toml`` in its directory unless told); returns where."""
+        path = self._directory / "rig.toml" if path is None else Path(path)
+        try:
+            # It holds the tokens of the loopback services: for this user's eyes only.
+            path.touch(mode=0o600)
+            path.chmod(0o600)
+            path.write_text(self.rig_toml(), encoding="utf-8")
+        except OSError as error:
+            raise PolfuseError(
+                f"cannot be written ({error.strerror})", where=str(path), advice="choose another place for the rig file"
+            ) from error
+        return path
+
+    def rig_toml(self) -> str:
+        """The rig file's text."""
+        file, wave, place = self.file, self.file.waveform, self.file.geometry
+        radar_driver, radar_options = self._radar()
+        rate = {"sample_rate_hz": file.audio.sample_rate_hz}
+        parts = [
+            "# A simulated rig, alive as long as the program that wrote this file.\n"
+            "# The devices are simulated; the drivers that talk to them are the real ones.\n",
+            _table("", {"name": f"simulated: {file.name}"}),
+            _table("waveform", wave.model_dump()),
+            _table("geometry", place.model_dump()),
+            _table("radar", {"driver": radar_driver, **rate}),
+            _table("radar.options", {**radar_options, **rate}),
+            _table("switches", {"driver": "dowkey_ms", "settle_s": SETTLE_S}),
+            _table("switches.options", {"port": self.switches.url, "settle_s": SETTLE_S}),
+            _table("trolley", {"driver": "grbl", "length_m": file.rail.length_m, "speed_m_s": file.rail.speed_m_s}),
+            _table(
+                "trolley.options",
+                {"port": self.trolley.url, "length_m": file.rail.length_m, "feed_m_s": file.rail.speed_m_s},
+            ),
+        ]
+        if file.camera is not None:
+            camera = file.camera.model_dump()
+            extinction = {"extinction_ratio": camera.pop("extinction_ratio")}
+            source = {"scene_file": str(self._scene_copy), "world_url": self.link.url, "seed": self.seed}
+            section = {"driver": "scene", "pixel_format": "Mono16", **camera}
+            parts += [
+                _table("camera", section),
+                _table("camera.options", {**source, **camera, **extinction}),
+                _table("polarizer", {"driver": "ell14", **extinction}),
+                _table("polarizer.options", {"port": self.polarizer.url}),
+            ]
+        return "\n".join(parts)
+
+    def _radar(self) -> tuple[str, dict[str, object]]:
+        if self._pulse is None:
+            return "scene", {"url": self.stream.url}
+        options = {"device": self._pulse.device, "latency_s": PULSE_LATENCY_S, "guard_s": PULSE_GUARD_S}
+        return "sounddevice", {**options, "environment": self._pulse.environment}
+
+
+NOTES = {
+    "waveform": "nominal; the true sweep period is measured from the sync",
+    "geometry": "the ground is z = -antenna_height_m",
+    "radar": "beat and sync on a stereo audio port",
+    "radar.options": "the simulated sound card",
+    "switches": "two RF transfer switches",
+    "trolley": "a stepper motor on a GRBL board",
+    "camera": "sees the scene file through the simulated polarizer",
+    "polarizer": "a rotation mount",
+}
+
+
+def _table(name: str, values: Mapping[str, object]) -> str:
+    note = f"  # {NOTES[name]}" if name in NOTES else ""
+    lines = [f"[{name}]{note}"] if name else []
+    return "\n".join([*lines, *(f"{key} = {_toml(value)}" for key, value in values.items()), ""])
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{json.dumps(key)} = {_toml(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    # JSON writes strings, numbers and booleans as TOML does.
+    return json.dumps(value)

@@ -1,0 +1,55 @@
+"""``polfuse sim``: run the simulated devices."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from polfuse_lab.cli.output import Debug, Json, guarded, progress, result
+
+
+@guarded
+def sim(
+    scene: Annotated[Path, typer.Argument(help="Scene file (TOML).")],
+    rig_out: Annotated[Path, typer.Option("--rig-out", help="Rig file to write; it reaches the simulated devices.")],
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of all noise; the scene file's own if left out.")
+    ] = None,
+    audio: Annotated[
+        Literal["auto", "pulse", "tcp"],
+        typer.Option(help="How the sound card is reached; auto takes the best there is."),
+    ] = "auto",
+    json_: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Start a simulated rig, write the rig file that reaches it, and run until Ctrl-C.
+
+    Switches, trolley and polarizer are serial devices, the radar is a sound card, the camera looks at the same scene.
+
+    Example: polfuse sim examples/scenes/field.toml --rig-out rig.toml
+    """
+    import signal
+    import tempfile
+    import threading
+
+    from hw_mocks.rig import SimulatedRig
+
+    stop = threading.Event()
+    previous = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with (
+            tempfile.TemporaryDirectory(prefix="polfuse-sim-") as directory,
+            SimulatedRig(scene, directory, seed=seed, audio=audio) as rig,
+        ):
+            rig.write_rig(rig_out)
+            lines = [f"{name:13} {address}" for name, address in rig.endpoints.items()]
+            text = "\n".join([f"simulated rig '{rig.file.name}', rig file {rig_out}", *lines])
+            result({"endpoints": rig.endpoints, "rig": rig_out}, as_json=json_, text=text)
+            progress("running; Ctrl-C ends it")
+            while not stop.wait(0.2):
+                rig.check()
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
