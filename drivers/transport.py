@@ -80,9 +80,11 @@ class SerialLine:
             if self._serial is not None:
                 return
             try:
+                # pyserial's RFC 2217 client knows no write time-out; its socket has one of its own (5 s).
+                write_timeout_s = None if self._port.lower().startswith("rfc2217://") else self.timeout_s
                 # Sliced reads: pyserial renegotiates the line whenever its time-out is changed, so it stays fixed.
                 self._serial = serial.serial_for_url(
-                    self._port, baudrate=self._baud, timeout=_SLICE_S, write_timeout=self.timeout_s, exclusive=True
+                    self._port, baudrate=self._baud, timeout=_SLICE_S, write_timeout=write_timeout_s, exclusive=True
                 )
             except _OPEN_FAILURES as error:
                 raise self._not_opened(error) from error
@@ -96,8 +98,12 @@ class SerialLine:
         # A reader notices within one slice; closing under its feet would hand its descriptor to someone else.
         owned = self._exchange_lock.acquire(timeout=1.0)
         try:
-            with contextlib.suppress(*PORT_FAILURES):
+            # pyserial leaks the socket of a peer that has gone: its shutdown fails before the close.
+            leaked = getattr(handle, "_socket", None)
+            with contextlib.suppress(*_USE_FAILURES):
                 handle.close()
+            if leaked is not None:
+                leaked.close()
         finally:
             if owned:
                 self._exchange_lock.release()
