@@ -1,0 +1,1 @@
+"""Synthetic aperture imaging from a rail: back-projection, range migration, image quality, choice of settings."""

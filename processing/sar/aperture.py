@@ -67,7 +67,7 @@ def usable_pulses(profiles: RangeProfiles, weights: NDArray[np.floating] | None 
         raise DataError(
             f"range profiles have shape {values.shape}", "give (channels, positions, bins), none of them empty"
         )
-    channels, positions, bins = values.shape
+    _, positions, bins = values.shape
     antenna = np.asarray(profiles.antenna_m, dtype=np.float64)
     if antenna.shape != (positions, 3) or not np.isfinite(antenna).all():
         raise DataError(
@@ -181,18 +181,23 @@ def alias_free_angle_rad(step_m: float, wavelength_m: float) -> float:
     return math.asin(min(wavelength_m / (4 * step_m), 1.0))
 
 
+def widest_angle_rad(antenna_m: NDArray[np.float64], grid: ImageGrid) -> float:
+    """Largest angle from broadside, rad, at which any position sees any pixel of a grid in front of a straight rail."""
+    ahead = max(float(np.min(grid.y_m)) - float(np.mean(antenna_m[:, 1])), 0.0)
+    down = float(np.mean(antenna_m[:, 2])) - grid.z_m
+    ends = float(np.min(antenna_m[:, 0])), float(np.max(antenna_m[:, 0]))
+    aside = max(float(np.max(grid.x_m)) - ends[0], ends[1] - float(np.min(grid.x_m)), 0.0)
+    return math.atan2(aside, math.hypot(ahead, down))
+
+
 def grating_lobe_warning(step_m: float, wavelength_m: float, antenna_m: NDArray[np.float64], grid: ImageGrid) -> str:
     """One sentence where part of the grid is beyond the alias-free angle, else an empty string."""
     limit = alias_free_angle_rad(step_m, wavelength_m)
-    nearest = max(float(np.min(grid.y_m)) - float(np.mean(antenna_m[:, 1])), 0.0)
-    down = float(np.mean(antenna_m[:, 2])) - grid.z_m
-    aside = max(
-        float(np.max(grid.x_m) - np.min(antenna_m[:, 0])), float(np.max(antenna_m[:, 0]) - np.min(grid.x_m)), 0.0
-    )
-    widest = math.atan2(aside, math.hypot(nearest, down))
+    widest = widest_angle_rad(antenna_m, grid)
     if limit >= math.pi / 2 or widest <= limit:
         return ""
     return (
-        f"steps of {step_m:.4g} m are {step_m / wavelength_m:.2f} wavelengths: beyond {math.degrees(limit):.0f} degrees "
-        f"from broadside (the image reaches {math.degrees(widest):.0f}) bright targets leave grating lobes"
+        f"steps of {step_m:.4g} m are {step_m / wavelength_m:.2f} wavelengths: beyond "
+        f"{math.degrees(limit):.0f} degrees from broadside bright targets leave grating lobes, and the image reaches "
+        f"{math.degrees(widest):.0f}"
     )

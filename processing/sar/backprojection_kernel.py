@@ -22,7 +22,7 @@ BLOCK = 256
 _MATH = {"contract", "reassoc", "nsz", "arcp"}
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def kernel_for(taps: int, channels: int) -> Callable[..., None]:
     """The kernel for a filter length and a number of channels; compiled at its first call, then kept on disk.
 
@@ -33,7 +33,7 @@ def kernel_for(taps: int, channels: int) -> Callable[..., None]:
     """
     lanes = 2 * channels
 
-    @njit(parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy")  # type: ignore[untyped-decorator]
+    @njit(parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy")
     def kernel(
         profiles: Any,
         weights: Any,
@@ -76,7 +76,7 @@ def kernel_for(taps: int, channels: int) -> Callable[..., None]:
                     whole = math.floor(place)
                     entry = (place - whole) * TABLE_STEPS
                     entry_whole = math.floor(entry)
-                    start = whole - (taps // 2 - 1)
+                    start = float(whole - (taps // 2 - 1))
                     if start < 0.0 or start > last:
                         outside[i] = True
                         start = 0.0

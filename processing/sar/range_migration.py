@@ -25,7 +25,7 @@ from scipy.signal import czt
 from processing.errors import DataError
 from processing.radar.antenna import pattern_exponent
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S, RangeProfiles
-from processing.sar.aperture import EvenTrack, Pulses, even_track, two_way_gain, usable_pulses
+from processing.sar.aperture import EvenTrack, Pulses, even_track, two_way_gain, usable_pulses, widest_angle_rad
 from processing.sar.backprojection import check_grid, distance_m
 from processing.sar.grid import ImageGrid
 from processing.sar.interpolation import tap_weights
@@ -118,14 +118,14 @@ class _View:
         self.range_length = scipy.fft.next_fast_len(RANGE_PADDING * bins)
         self.k_step = 2 * math.pi / (self.range_length * profiles.range_step_m)
         width = 4 * math.pi * profiles.bandwidth_hz / SPEED_OF_LIGHT_M_S
-        half = min(math.ceil(0.5 * BAND_MARGIN * width / self.k_step), (self.range_length - 1) // 2)
         self.centre = 4 * math.pi * profiles.centre_hz / SPEED_OF_LIGHT_M_S
+        half = math.ceil(0.5 * min(BAND_MARGIN * width, 1.9 * self.centre) / self.k_step)
+        half = min(half, (self.range_length - 1) // 2)
         self.k_index = np.arange(-half, half + 1)
         self.k = self.centre + self.k_step * self.k_index
         self.bulk = 0.5 * float(profiles.range_m[0] + profiles.range_m[-1])
 
-        aside = max(grid.x_m.max() - ends[0], ends[1] - grid.x_m.min(), 0.0)
-        self.widest = math.atan2(aside, slant.min())
+        self.widest = widest_angle_rad(pulses.antenna_m, grid)
         self.limit = min(self.widest + math.radians(15), 0.5 * (self.widest + math.pi / 2))
         # Echoes reach as far aside as the profiles reach in range; the period keeps them from folding into the grid.
         reach = max(ends[1] + furthest - grid.x_m.min(), grid.x_m.max() - ends[0] + furthest)
@@ -150,7 +150,8 @@ class _View:
         even[track.index] = in_k
         both = scipy.fft.fft(even, axis=0)[self.along_index % self.rail_length]
         both *= np.exp(-1j * self.along * track.first_m)[:, None]
-        return both.astype(np.complex64)
+        referred: NDArray[np.complex64] = both.astype(np.complex64)
+        return referred
 
     def filter(self, exponent: float) -> NDArray[np.complex64]:
         """(along, across) factor of the mapped spectrum.

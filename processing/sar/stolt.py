@@ -66,7 +66,7 @@ def stolt_reference(
     return out
 
 
-@njit(parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy")
 def _stolt(spectrum: Any, along: Any, first: float, per_step: float, across: Any, table: Any, out: Any) -> None:
     columns = spectrum.shape[1]
     for row in prange(along.size):
@@ -76,9 +76,9 @@ def _stolt(spectrum: Any, along: Any, first: float, per_step: float, across: Any
             if place < 0.0 or place > columns - 1.0:
                 out[row, j] = 0.0
                 continue
-            whole = int(math.floor(place))
+            whole = math.floor(place)
             entry = (place - whole) * TABLE_STEPS
-            q = int(math.floor(entry))
+            q = math.floor(entry)
             part = np.float32(entry - q)
             re = np.float32(0)
             im = np.float32(0)

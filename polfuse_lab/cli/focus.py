@@ -1,0 +1,111 @@
+"""``polfuse focus``: a session's sweeps to range profiles and a complex image of every channel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from polfuse_lab.cli.output import Debug, Json, guarded, progress, result
+
+METHODS = ("auto", "rma", "bp", "reference")
+WINDOWS = ("hann", "taylor", "rectangular")
+
+
+@guarded
+def focus(
+    session: Annotated[Path, typer.Argument(help="Session collected along a rail.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Products file; other stages in it are kept.")],
+    method: Annotated[
+        str, typer.Option(help="auto, rma (range migration), bp (back-projection) or reference (plain float64).")
+    ] = "auto",
+    tolerance_db: Annotated[float, typer.Option(help="Largest error of the method, dB below the image.")] = -50.0,
+    window: Annotated[str, typer.Option(help="Over the ramp: hann, taylor or rectangular.")] = "hann",
+    aperture: Annotated[str, typer.Option(help="Along the rail: rectangular, hann or taylor.")] = "rectangular",
+    oversampling: Annotated[int, typer.Option(min=2, max=64, help="Range bins per resolution cell.")] = 8,
+    x: Annotated[str, typer.Option("--x", help="Extent along the rail, m: FROM,TO.")] = "-8,8",
+    y: Annotated[str, typer.Option("--y", help="Extent away from the rail on the ground, m: FROM,TO.")] = "3,20",
+    pixel: Annotated[str | None, typer.Option(help="Pixel size, m: X,Y; default a quarter of the finest cell.")] = None,
+    pattern: Annotated[bool, typer.Option(help="Compensate the antennas' pattern.")] = True,
+    sky: Annotated[
+        Path | None, typer.Option(help="Session of the clear sky: takes the antennas' coupling off.")
+    ] = None,
+    figure: Annotated[Path | None, typer.Option(help="Picture to draw; others are drawn beside it.")] = None,
+    json_: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Focus a session: range profiles, then a complex image of every channel on the ground.
+
+    The method and its interpolator are the cheapest whose expected error stays within the tolerance.
+
+    Example: polfuse focus run.h5 -o products.h5 --tolerance-db -60
+    """
+    _one_of(method, METHODS, "--method")
+    _one_of(window, WINDOWS, "--window")
+    _one_of(aperture, WINDOWS, "--aperture")
+    if not tolerance_db < 0:
+        raise typer.BadParameter("an error below the image is a negative number of dB", param_hint="--tolerance-db")
+    extents = _pair(x, "--x"), _pair(y, "--y")
+    step = None if pixel is None else _pair(pixel, "--pixel")
+
+    from polfuse_lab.products import focus as stage
+    from polfuse_lab.session import open_session
+
+    with open_session(session) as opened:
+        grid = stage.default_grid(opened, x_m=extents[0], y_m=extents[1], step_m=step)
+        progress(f"focusing {session}: {grid.shape[1]} x {grid.shape[0]} pixels")
+        made = stage.focus(
+            opened,
+            output,
+            method=method,
+            tolerance_db=tolerance_db,
+            grid=grid,
+            window=window,
+            aperture=aperture,
+            oversampling=oversampling,
+            compensate_pattern=pattern,
+            sky=sky,
+        )
+    for warning in made.warnings:
+        progress(f"note: {warning}")
+    drawn: list[Path] = []
+    if figure is not None:
+        from polfuse_lab.products.figures_sar import draw_all
+        from polfuse_lab.products.store import Products
+
+        drawn = draw_all(Products(output), figure)
+    peaks = [{"x_m": peak.x_m, "y_m": peak.y_m, "dB": peak.level_db} for peak in made.peaks]
+    values = {
+        "products": made.products,
+        "method": made.choice.method,
+        "settings": made.settings,
+        "predicted_error_db": made.choice.predicted_error_db,
+        "pixels": made.pixels,
+        "pulses": made.pulses,
+        "seconds": made.seconds,
+        "peaks": peaks,
+        "figures": drawn,
+    }
+    lines = [
+        f"{made.choice.method} ({made.choice.interpolator}), {made.choice.reason}; "
+        f"expected error {made.choice.predicted_error_db:.0f} dB",
+        f"{len(made.channels)} channels, {made.pulses} positions, {made.pixels} pixels in {made.seconds:.1f} s",
+        *(f"peak at x = {p['x_m']:+.2f} m, y = {p['y_m']:.2f} m: {p['dB']:.1f} dB" for p in peaks),
+        f"products: {made.products}",
+        *(f"figure:   {path}" for path in drawn),
+    ]
+    result(values, as_json=json_, text="\n".join(lines))
+
+
+def _one_of(value: str, allowed: tuple[str, ...], option: str) -> None:
+    if value not in allowed:
+        raise typer.BadParameter(f"{value!r} is not one of {', '.join(allowed)}", param_hint=option)
+
+
+def _pair(text: str, option: str) -> tuple[float, float]:
+    try:
+        first, second = (float(part) for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not two numbers with a comma", param_hint=option) from None
+    return first, second

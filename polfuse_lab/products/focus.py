@@ -1,0 +1,343 @@
+"""From a session to a complex image of every channel: stages "ranging" and "focus"."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.ranging import range_profiles
+from polfuse_lab.products.store import Products
+from polfuse_lab.session import Session, open_session
+from processing.errors import DataError
+from processing.radar.profiles import RangeProfiles
+from processing.sar.aperture import (
+    aperture_window,
+    even_track,
+    grating_lobe_warning,
+    widest_angle_rad,
+)
+from processing.sar.backprojection import backproject, backproject_reference
+from processing.sar.grid import ImageGrid
+from processing.sar.planner import Choice, Task, choose
+from processing.sar.quality import Peak, find_peaks
+from processing.sar.range_migration import range_migration
+from processing.sar.resolution import point_resolution
+
+DEFAULT_X_M = (-8.0, 8.0)
+DEFAULT_Y_M = (3.0, 20.0)
+PIXELS_PER_CELL = 4
+"""Pixels in the narrowest -3 dB width of the grid, at least."""
+FAR_MARGIN_CELLS = 10
+"""Resolution cells by which profiles reach beyond the image, for interpolation and its edge."""
+
+
+@dataclass(frozen=True)
+class FocusResult:
+    """What was focused, how, and what stands out."""
+
+    products: Path
+    image: NDArray[np.complexfloating]
+    """(channels, ny, nx)."""
+    grid: ImageGrid
+    channels: tuple[str, ...]
+    choice: Choice
+    settings: dict[str, Any]
+    pulses: int
+    """Positions along the rail."""
+    seconds: float
+    peaks: list[Peak]
+    """Of the span (root of the sum of the channels' powers), strongest first."""
+    warnings: list[str]
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of one channel."""
+        return self.grid.shape[0] * self.grid.shape[1]
+
+
+def default_grid(
+    session: Session,
+    *,
+    x_m: tuple[float, float] = DEFAULT_X_M,
+    y_m: tuple[float, float] = DEFAULT_Y_M,
+    step_m: tuple[float, float] | None = None,
+) -> ImageGrid:
+    """A grid on the ground with a quarter of the narrowest resolution cell, or ``step_m`` (x, y), from pixel to pixel.
+
+    The cell is narrowest in the middle of the nearest row, where the aperture is seen under the widest angle.
+
+    Raises:
+        PolfuseError: the session has no rig, or the extents are empty or not in front of the rail.
+    """
+    rig = session.rig
+    if rig is None:
+        raise PolfuseError(
+            "has no rig file, so nothing is known of heights and the rail",
+            where=str(session.path),
+            advice="focus a session that was collected along a rail",
+        )
+    if not (x_m[0] < x_m[1] and 0 < y_m[0] < y_m[1]):
+        raise PolfuseError(
+            f"x from {x_m[0]:g} to {x_m[1]:g} m and y from {y_m[0]:g} to {y_m[1]:g} m are no image in front of the rail",
+            where="image grid",
+            advice="give increasing extents with y above 0",
+        )
+    z = -rig.geometry.antenna_height_m
+    if step_m is None:
+        step_m = _steps(session, (0.5 * (x_m[0] + x_m[1]), y_m[0], z))
+    if not all(np.isfinite(step) and step > 0 for step in step_m):
+        raise PolfuseError(
+            f"pixels of {step_m[0]:g} x {step_m[1]:g} m", where="image grid", advice="give positive sizes"
+        )
+    counts = [math.floor((b - a) / step + 1e-9) + 1 for (a, b), step in zip((x_m, y_m), step_m, strict=True)]
+    if counts[0] * counts[1] > 50_000_000:
+        raise PolfuseError(
+            f"{counts[0]} x {counts[1]} pixels do not fit in memory", where="image grid", advice="give larger pixels"
+        )
+    x, y = (
+        a + step * np.arange(n, dtype=np.float64) for a, step, n in zip((x_m[0], y_m[0]), step_m, counts, strict=True)
+    )
+    return ImageGrid(x, y, z)
+
+
+def _steps(session: Session, nearest: tuple[float, float, float]) -> tuple[float, float]:
+    x = np.unique(np.asarray(session.sweeps["x_m"], dtype=np.float64))
+    antenna = np.column_stack([x, np.zeros(len(x)), np.zeros(len(x))])
+    waveform = session.waveform
+    cell = point_resolution(
+        antenna, (float(np.median(x)), *nearest[1:]), centre_hz=waveform.centre_hz, bandwidth_hz=waveform.bandwidth_hz
+    )
+    cells = min(cell.x_m, 1.0), min(cell.y_m, waveform.range_resolution_m)
+    return _round_down(cells[0] / PIXELS_PER_CELL), _round_down(cells[1] / PIXELS_PER_CELL)
+
+
+def _round_down(step: float) -> float:
+    """To 1, 2, 2.5 or 5 times a power of ten, so that pixels stand at plain numbers."""
+    power = 10.0 ** math.floor(math.log10(step))
+    return power * max(factor for factor in (1.0, 2.0, 2.5, 5.0) if factor * power <= step * (1 + 1e-9))
+
+
+def focus(
+    session: Session | Path | str,
+    products_path: Path | str,
+    *,
+    method: str = "auto",
+    tolerance_db: float = -50.0,
+    grid: ImageGrid | None = None,
+    window: str = "hann",
+    aperture: str = "rectangular",
+    oversampling: int = 8,
+    compensate_pattern: bool = True,
+    sky: Path | str | None = None,
+    peaks: int = 10,
+) -> FocusResult:
+    """Focus a session and write stages "ranging" and "focus" of a products file.
+
+    Args:
+        session: an open session, or its path.
+        products_path: file to write to; other stages in it are kept.
+        method: ``"auto"``, ``"rma"``, ``"bp"`` or ``"reference"``, see :mod:`processing.sar.planner`.
+        tolerance_db: largest error of the method, dB below the image.
+        grid: where to form the image; :func:`default_grid` where left out.
+        window: over the ramp: ``"hann"``, ``"taylor"`` or ``"rectangular"``.
+        aperture: window along the aperture, same names.
+        oversampling: range bins per resolution cell.
+        compensate_pattern: whether to divide by the antennas' two-way pattern (the rig file's beam width and angle).
+        sky: session of the clear sky, whose mean profile (coupling between the antennas) is taken off.
+        peaks: how many of the strongest peaks to report.
+
+    Raises:
+        PolfuseError: the session cannot be focused (no rig, one position, nothing usable), or files fail.
+        DataError: wrong method, window or tolerance, or range migration on an uneven rail.
+    """
+    if not isinstance(session, Session):
+        with open_session(session) as opened:
+            return focus(
+                opened,
+                products_path,
+                method=method,
+                tolerance_db=tolerance_db,
+                grid=grid,
+                window=window,
+                aperture=aperture,
+                oversampling=oversampling,
+                compensate_pattern=compensate_pattern,
+                sky=sky,
+                peaks=peaks,
+            )
+    begun = time.perf_counter()
+    grid = default_grid(session) if grid is None else grid
+    rig = session.rig
+    if rig is None:
+        raise PolfuseError("has no rig file", where=str(session.path), advice="focus a session collected along a rail")
+    ranging: dict[str, Any] = {
+        "window": window,
+        "oversampling": oversampling,
+        "max_range_m": _furthest(session, grid) + FAR_MARGIN_CELLS * rig.waveform.range_resolution_m,
+        "range_compensated": True,
+    }
+    options = dict(ranging)
+    if sky is not None:
+        options["reference"] = range_profiles(sky, **{**ranging, "range_compensated": False})
+        options["coupling"] = "reference"
+    profiles = _along_the_rail(range_profiles(session, **options), session)
+    beamwidth = math.radians(rig.geometry.beamwidth_deg) if compensate_pattern else None
+    depression = math.radians(rig.geometry.antenna_elevation_deg)
+    choice = choose(_task(profiles, grid, oversampling, beamwidth is not None), tolerance_db, method)
+    image = _form(profiles, grid, choice, aperture_window(aperture, len(profiles.antenna_m)), beamwidth, depression)
+    warnings = _warnings(profiles, grid, choice, tolerance_db)
+    settings: dict[str, Any] = {
+        "channels": list(profiles.channels),
+        "z_m": grid.z_m,
+        "method": choice.method,
+        "interpolator": choice.interpolator,
+        "reason": choice.reason,
+        "tolerance_db": tolerance_db,
+        "predicted_error_db": choice.predicted_error_db,
+        "window": window,
+        "aperture_window": aperture,
+        "oversampling": oversampling,
+        "range_compensated": True,
+        "beamwidth_rad": beamwidth,
+        "depression_rad": depression,
+        "centre_hz": profiles.centre_hz,
+        "bandwidth_hz": profiles.bandwidth_hz,
+        "warnings": warnings,
+    }
+    ranging |= {
+        "channels": list(profiles.channels),
+        "coupling": "none" if sky is None else "reference",
+        "centre_hz": profiles.centre_hz,
+        "bandwidth_hz": profiles.bandwidth_hz,
+    }
+    inputs = [session.path] if sky is None else [session.path, Path(sky)]
+    _write(Products(products_path), profiles, grid, image, ranging, settings, inputs)
+    strongest = _peaks(image, grid, profiles, peaks)
+    return FocusResult(
+        products=Path(products_path),
+        image=image,
+        grid=grid,
+        channels=profiles.channels,
+        choice=choice,
+        settings=settings,
+        pulses=len(profiles.antenna_m),
+        seconds=time.perf_counter() - begun,
+        peaks=strongest,
+        warnings=warnings,
+    )
+
+
+def _furthest(session: Session, grid: ImageGrid) -> float:
+    x = np.asarray(session.sweeps["x_m"], dtype=np.float64)
+    if not x.size or not np.isfinite(x).all():
+        raise PolfuseError(
+            "holds no sweeps with known positions", where=str(session.path), advice="collect along the rail first"
+        )
+    aside = max(float(grid.x_m.max() - x.min()), float(x.max() - grid.x_m.min()), 0.0)
+    return math.sqrt(aside**2 + float(np.max(np.abs(grid.y_m))) ** 2 + grid.z_m**2)
+
+
+def _along_the_rail(profiles: RangeProfiles, session: Session) -> RangeProfiles:
+    """Positions in the order of x, so that a window along the aperture meets them in their place."""
+    x = profiles.antenna_m[:, 0]
+    if len(np.unique(x)) < 2:
+        raise PolfuseError(
+            f"has {len(x)} position{'s' if len(x) > 1 else ''} at one place, which is no aperture",
+            where=str(session.path),
+            advice="collect at several positions along the rail",
+        )
+    order = np.argsort(x, kind="stable")
+    return replace(profiles, values=profiles.values[:, order], antenna_m=profiles.antenna_m[order])
+
+
+def _task(profiles: RangeProfiles, grid: ImageGrid, oversampling: int, compensated: bool) -> Task:
+    try:
+        residual: float | None = even_track(profiles.antenna_m).residual_m
+    except DataError:
+        residual = None
+    widest = widest_angle_rad(profiles.antenna_m, grid)
+    return Task(
+        pixels=grid.shape[0] * grid.shape[1],
+        pulses=len(profiles.antenna_m),
+        channels=len(profiles.channels),
+        oversampling=oversampling,
+        wavelength_m=profiles.wavelength_m,
+        furthest_m=float(profiles.range_m[-1]),
+        widest_rad=widest,
+        residual_m=residual,
+        compensated=compensated,
+    )
+
+
+def _form(
+    profiles: RangeProfiles,
+    grid: ImageGrid,
+    choice: Choice,
+    weights: NDArray[np.float64],
+    beamwidth_rad: float | None,
+    depression_rad: float,
+) -> NDArray[np.complexfloating]:
+    pattern: dict[str, Any] = {"beamwidth_rad": beamwidth_rad, "depression_rad": depression_rad}
+    if choice.method == "rma":
+        return range_migration(profiles, grid, weights=weights, **pattern)
+    if choice.method == "reference":
+        exact = backproject_reference(profiles, grid, interpolator=choice.interpolator, weights=weights, **pattern)
+        return exact.astype(np.complex64)
+    return backproject(profiles, grid, interpolator=choice.interpolator, weights=weights, **pattern)
+
+
+def _warnings(profiles: RangeProfiles, grid: ImageGrid, choice: Choice, tolerance_db: float) -> list[str]:
+    found = []
+    step = float(np.median(np.diff(np.unique(profiles.antenna_m[:, 0]))))
+    if lobes := grating_lobe_warning(step, profiles.wavelength_m, profiles.antenna_m, grid):
+        found.append(lobes)
+    missing = np.isnan(profiles.values).all(axis=2).sum(axis=1)
+    for name, count in zip(profiles.channels, missing, strict=True):
+        if count:
+            found.append(f"channel {name} misses {count} of {len(profiles.antenna_m)} positions")
+    if choice.predicted_error_db > tolerance_db:
+        found.append(f"the error expected, {choice.predicted_error_db:.0f} dB, is above {tolerance_db:g} dB")
+    return found
+
+
+def _peaks(image: NDArray[np.complexfloating], grid: ImageGrid, profiles: RangeProfiles, count: int) -> list[Peak]:
+    span = np.sqrt(np.sum(np.abs(image.astype(np.complex128)) ** 2, axis=0))
+    middle = (float(np.mean(profiles.antenna_m[:, 0])), float(np.median(grid.y_m)), grid.z_m)
+    cell = point_resolution(
+        profiles.antenna_m, middle, centre_hz=profiles.centre_hz, bandwidth_hz=profiles.bandwidth_hz
+    )
+    # Hann's main lobe is four widths of the unweighted cell from null to null; what is nearer is the same target.
+    separation = (2 * min(cell.x_m, 1.0), 2 * min(cell.y_m, 2 * profiles.resolution_m))
+    return find_peaks(span, grid, count, separation_m=separation)
+
+
+def _write(
+    products: Products,
+    profiles: RangeProfiles,
+    grid: ImageGrid,
+    image: NDArray[np.complexfloating],
+    ranging: dict[str, Any],
+    settings: dict[str, Any],
+    inputs: list[Path],
+) -> None:
+    products.write(
+        "ranging",
+        {"profiles": profiles.values, "range_m": profiles.range_m, "antenna_m": profiles.antenna_m},
+        settings=ranging,
+        inputs=inputs,
+        units={"profiles": "full scale * m^2", "range_m": "m", "antenna_m": "m"},
+    )
+    products.write(
+        "focus",
+        {"image": image, "x_m": grid.x_m, "y_m": grid.y_m},
+        settings=settings,
+        inputs=inputs,
+        units={"image": "full scale * m^2", "x_m": "m", "y_m": "m"},
+    )

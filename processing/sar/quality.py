@@ -1,0 +1,274 @@
+"""How good a focused image is: peaks between pixels, widths, side lobes, and agreement of two images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from processing.errors import DataError
+from processing.sar.grid import ImageGrid
+from processing.sar.interpolation import sinc_weights
+
+TAPS = 8
+"""Pixels per axis that a value between pixels is read from."""
+
+SAMPLING = 2.0
+"""Pixels per resolution cell that interpolation between pixels counts on, at least."""
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A local maximum of an image's magnitude."""
+
+    x_m: float
+    y_m: float
+    value: complex
+    """Complex amplitude at the maximum, between pixels."""
+
+    @property
+    def level_db(self) -> float:
+        """``20 log10 |value|``."""
+        return float(20 * np.log10(abs(self.value)))
+
+    @property
+    def phase_rad(self) -> float:
+        """Phase at the maximum."""
+        return float(np.angle(self.value))
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A point response along one axis."""
+
+    width_m: float
+    """-3 dB width; NaN where the image ends first."""
+    peak_sidelobe_db: float
+    """Highest side lobe over the peak; NaN where the cut holds none."""
+    integrated_sidelobe_db: float
+    """Energy outside the first nulls over energy within them; NaN where the cut ends first."""
+
+
+@dataclass(frozen=True)
+class PointResponse:
+    """A peak and its two cuts."""
+
+    peak: Peak
+    x: Cut
+    y: Cut
+
+
+def value_between(image: NDArray[np.complexfloating], row: ArrayLike, column: ArrayLike) -> NDArray[np.complex128]:
+    """Complex values at fractional rows and columns, by a separable Kaiser-windowed sinc of eight taps.
+
+    A focused image carries phase that turns fast from pixel to pixel; the mean turn around each place is taken off
+    before and put back after interpolation.
+
+    Args:
+        image: (ny, nx) complex, at least ``SAMPLING`` pixels per resolution cell.
+        row: fractional row indices, any shape.
+        column: fractional column indices, same shape.
+
+    Returns:
+        Same shape; NaN where one of the pixels needed is undefined or outside the image.
+    """
+    rows, columns = np.broadcast_arrays(np.asarray(row, np.float64), np.asarray(column, np.float64))
+    values = np.full(rows.shape, complex(np.nan, np.nan))
+    for place in np.ndindex(rows.shape):
+        values[place] = _value_at(image, float(rows[place]), float(columns[place]))
+    return values
+
+
+def _value_at(image: NDArray[np.complexfloating], row: float, column: float) -> complex:
+    if not (np.isfinite(row) and np.isfinite(column)):
+        return complex(np.nan, np.nan)
+    y0, x0 = int(np.floor(row)), int(np.floor(column))
+    # An edge pixel asked for exactly needs no neighbours beyond it: those have no weight.
+    reach = np.arange(1 - TAPS // 2, TAPS // 2 + 1)
+    wy, wx = (sinc_weights(p - np.floor(p), TAPS, SAMPLING) for p in (row, column))
+    ys, xs = y0 + reach, x0 + reach
+    use_y, use_x = np.abs(wy) > 1e-12, np.abs(wx) > 1e-12
+    if min(ys[use_y].min(), xs[use_x].min()) < 0 or ys[use_y].max() >= len(image) or xs[use_x].max() >= image.shape[1]:
+        return complex(np.nan, np.nan)
+    chip = image[np.ix_(ys[use_y], xs[use_x])].astype(np.complex128)
+    turn_y = _turn(chip[1:], chip[:-1])
+    turn_x = _turn(chip[:, 1:], chip[:, :-1])
+    carrier = np.exp(-1j * (turn_y * (ys[use_y] - row)[:, None] + turn_x * (xs[use_x] - column)[None, :]))
+    return complex(wy[use_y] @ (chip * carrier) @ wx[use_x])
+
+
+def _turn(later: NDArray[np.complex128], earlier: NDArray[np.complex128]) -> float:
+    return float(np.angle(np.sum(later * np.conj(earlier)))) if later.size else 0.0
+
+
+def refine_peak(image: NDArray[np.complexfloating], grid: ImageGrid, row: int, column: int) -> Peak:
+    """The maximum of the interpolated magnitude nearest to a pixel that exceeds its neighbours.
+
+    Nearer than four pixels to an edge or to undefined pixels the pixel itself is returned.
+    """
+    best_row, best_column = float(row), float(column)
+    best = abs(_value_at(image, best_row, best_column))
+    step = 0.5
+    while step > 1e-4:
+        around = [(best_row + i * step, best_column + j * step) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
+        inside = [p for p in around if abs(p[0] - row) <= 1 and abs(p[1] - column) <= 1]
+        levels = [abs(_value_at(image, *p)) for p in inside]
+        if not np.isfinite(levels).all():
+            break
+        top = int(np.argmax(levels))
+        if levels[top] > best:
+            best, (best_row, best_column) = levels[top], inside[top]
+        else:
+            step /= 2
+    x = np.interp(best_column, np.arange(len(grid.x_m)), grid.x_m)
+    y = np.interp(best_row, np.arange(len(grid.y_m)), grid.y_m)
+    return Peak(float(x), float(y), _value_at(image, best_row, best_column))
+
+
+def find_peaks(
+    image: NDArray[np.complexfloating],
+    grid: ImageGrid,
+    count: int = 10,
+    *,
+    floor_db: float = -40.0,
+    separation_m: tuple[float, float] = (1.0, 2.0),
+) -> list[Peak]:
+    """Strongest local maxima, strongest first.
+
+    Args:
+        image: (ny, nx) complex or real; NaN where undefined.
+        grid: where it stands.
+        count: at most so many.
+        floor_db: weakest peak, relative to the strongest.
+        separation_m: of two maxima closer than this in x and in y only the stronger counts (its side lobes else would).
+
+    Raises:
+        DataError: image and grid disagree.
+    """
+    if image.shape != grid.shape:
+        raise DataError(f"an image of shape {image.shape} does not fit a grid of {grid.shape}", "give one channel")
+    level = np.where(np.isfinite(image), np.abs(image), -1.0)
+    padded = np.pad(level, 1, constant_values=-1.0)
+    around = np.max(
+        [
+            padded[1 + i : 1 + i + level.shape[0], 1 + j : 1 + j + level.shape[1]]
+            for i in (-1, 0, 1)
+            for j in (-1, 0, 1)
+            if i or j
+        ],
+        axis=0,
+    )
+    rows, columns = np.nonzero((level >= around) & (level > 0))
+    order = np.argsort(-level[rows, columns], kind="stable")
+    found: list[Peak] = []
+    places: list[tuple[float, float]] = []
+    for index in order:
+        row, column = int(rows[index]), int(columns[index])
+        if len(found) == count or (found and level[row, column] < abs(found[0].value) * 10 ** (floor_db / 20)):
+            break
+        x, y = float(grid.x_m[column]), float(grid.y_m[row])
+        if any(abs(x - px) < separation_m[0] and abs(y - py) < separation_m[1] for px, py in places):
+            continue
+        found.append(refine_peak(image, grid, row, column))
+        places.append((x, y))
+    return found
+
+
+def point_response(
+    image: NDArray[np.complexfloating], grid: ImageGrid, x_m: float, y_m: float, *, reach_m: tuple[float, float]
+) -> PointResponse:
+    """Peak nearest to a place and its cuts along x and y.
+
+    Args:
+        image: (ny, nx) complex, one channel.
+        grid: where it stands, uniform.
+        x_m: about where the peak is; the largest pixel within half of ``reach_m`` is taken.
+        y_m: likewise.
+        reach_m: how far the cuts go to either side, in x and in y.
+
+    Raises:
+        DataError: nothing is defined around that place.
+    """
+    near = (np.abs(grid.y_m - y_m)[:, None] <= reach_m[1] / 2) & (np.abs(grid.x_m - x_m)[None, :] <= reach_m[0] / 2)
+    level = np.where(near & np.isfinite(image), np.abs(image), 0.0)
+    if not level.any():
+        raise DataError(f"nothing is defined around x = {x_m:g} m, y = {y_m:g} m", "ask for a place in the image")
+    row, column = np.unravel_index(int(level.argmax()), level.shape)
+    peak = refine_peak(image, grid, int(row), int(column))
+    steps = [abs(float(axis[1] - axis[0])) for axis in (grid.x_m, grid.y_m)]
+    at = [float(np.interp(p, axis, np.arange(len(axis)))) for p, axis in ((peak.x_m, grid.x_m), (peak.y_m, grid.y_m))]
+    cuts = []
+    for axis, (step, reach) in enumerate(zip(steps, reach_m, strict=True)):
+        away = np.arange(-round(16 * reach / step), round(16 * reach / step) + 1) / 16
+        columns = at[0] + (away if axis == 0 else 0 * away)
+        rows = at[1] + (away if axis == 1 else 0 * away)
+        cuts.append(measure_cut(np.abs(value_between(image, rows, columns)), step / 16))
+    return PointResponse(peak, cuts[0], cuts[1])
+
+
+def measure_cut(magnitude: NDArray[np.floating], step_m: float) -> Cut:
+    """Width and side lobes of a cut whose middle sample is the peak; undefined ends are left out.
+
+    Args:
+        magnitude: (2 n + 1,) finely sampled magnitude, NaN where undefined.
+        step_m: its step.
+    """
+    middle = len(magnitude) // 2
+    right, left = _defined(magnitude[middle:]), _defined(magnitude[middle::-1])
+    halves = [_half_width(side) for side in (left, right)]
+    nulls = [_first_null(side) for side in (left, right)]
+    lobes = [side[null:].max() for side, null in zip((left, right), nulls, strict=True) if null is not None]
+    peak_sidelobe = 20 * np.log10(max(lobes) / magnitude[middle]) if lobes else np.nan
+    integrated = np.nan
+    if nulls[0] is not None and nulls[1] is not None:
+        inside = np.sum(left[1 : nulls[0]] ** 2) + np.sum(right[: nulls[1]] ** 2)
+        outside = np.sum(left[nulls[0] :] ** 2) + np.sum(right[nulls[1] :] ** 2)
+        integrated = 10 * np.log10(outside / inside)
+    return Cut(step_m * sum(halves), float(peak_sidelobe), float(integrated))
+
+
+def _defined(side: NDArray[np.floating]) -> NDArray[np.floating]:
+    undefined = np.flatnonzero(~np.isfinite(side))
+    return side[: undefined[0]] if undefined.size else side
+
+
+def _half_width(side: NDArray[np.floating]) -> float:
+    below = np.flatnonzero(side < side[0] * np.sqrt(0.5)) if side.size else np.array([], dtype=np.intp)
+    if not below.size:
+        return float("nan")
+    last = int(below[0])
+    # Power, not magnitude, is near a parabola at half height: interpolate linearly in dB.
+    upper, lower = np.log(side[last - 1]), np.log(max(float(side[last]), 1e-300))
+    return last - 1 + float((upper - np.log(side[0] * np.sqrt(0.5))) / (upper - lower))
+
+
+def _first_null(side: NDArray[np.floating]) -> int | None:
+    """Index of the first minimum beyond which the cut rises again; None where it only falls."""
+    rising = np.flatnonzero(np.diff(side) > 0)
+    return int(rising[0]) if rising.size else None
+
+
+def complex_correlation(
+    a: NDArray[np.complexfloating], b: NDArray[np.complexfloating], mask: NDArray[np.bool_] | None = None
+) -> complex:
+    """Normalised complex correlation ``sum a conj(b) / sqrt(sum |a|^2 sum |b|^2)`` where both are defined.
+
+    Args:
+        a: image of any shape.
+        b: image of the same shape.
+        mask: where to look; everywhere where left out.
+
+    Raises:
+        DataError: shapes disagree, or nothing is defined and different from zero in both.
+    """
+    if a.shape != b.shape:
+        raise DataError(f"images of shapes {a.shape} and {b.shape} cannot be compared", "focus both on one grid")
+    use = np.isfinite(a) & np.isfinite(b)
+    if mask is not None:
+        use &= mask
+    first, second = a[use].astype(np.complex128), b[use].astype(np.complex128)
+    energy = float(np.sum(np.abs(first) ** 2) * np.sum(np.abs(second) ** 2))
+    if energy <= 0:
+        raise DataError("the images have no common support", "compare where both are defined and not zero")
+    return complex(np.sum(first * np.conj(second)) / np.sqrt(energy))
