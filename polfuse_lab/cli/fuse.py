@@ -35,6 +35,9 @@ def fuse(
     seed: Annotated[int, typer.Option(min=0, help="Seed of K-means.")] = 0,
     start: Annotated[Start, typer.Option(help="Start of K-means; the thesis: even.")] = Start.plus_plus,
     min_snr_db: Annotated[float, typer.Option(help="Least span over noise of a radar pixel, dB.")] = 6.0,
+    dynamic_range_db: Annotated[
+        float, typer.Option(min=0.0, help="Leave out pixels this far below the brightest (side lobes), dB.")
+    ] = 30.0,
     normalization: Annotated[
         Normalization, typer.Option(help="Pauli components over their own pixel's norm, or over the scene's largest.")
     ] = Normalization.pixel,
@@ -61,6 +64,7 @@ def fuse(
         seed=seed,
         start=start.value,
         min_snr_db=min_snr_db,
+        dynamic_range_db=dynamic_range_db,
         normalization=normalization.value,
         angle_sd_rad=math.radians(angle_sd_deg),
         height_sd_m=height_sd_m,
@@ -84,7 +88,7 @@ def fuse(
     lines = [f"{made.pixels} pixels fused, registered to {made.registration_error_px:.1f} px (median sd)"]
     for name, item in {**made.classes, **made.regions}.items():
         lines.append(
-            f"{name}: {item.pixels} pixels ({100 * item.fraction:.1f} %), mostly {item.mechanism}, "
+            f"{name}: {item.pixels} pixels ({100 * item.fraction:.1f} %), {item.mechanism}, "
             f"DOLP {item.mean['DOLP']:.3f}"
         )
     for pair, separability in made.pairs.items():

@@ -157,7 +157,8 @@ def calibrate(
     else:
         row_noise = float(noise[hh, peak.row])
         applied, amplitudes = NO_IMBALANCE, two_point_map(peak.power, expected_m2, row_noise)
-    scattering = amplitudes.scattering(balance(focused.image, focused.channels, applied))
+    balanced = balance(focused.image, focused.channels, applied)
+    scattering = amplitudes.scattering(balanced)
     equivalent = _equivalent_rcs(noise, focused.channels, applied, amplitudes)
     constant_sd = float(np.hypot(snr_sd_db(peak.snr_db), _angle_sd_db(focused, target)))
     result = CalibrationResult(
@@ -174,7 +175,9 @@ def calibrate(
         cross_imbalance=ratio,
         noise_source=noise_source,
         noise_equivalent_dbsm=float(to_dbsm(equivalent[hh, peak.row])),
-        check=None if check is None else _checked(focused, scattering, check, search_radius_m, min_snr_db, constant_sd),
+        check=None
+        if check is None
+        else _checked(focused, balanced, amplitudes, check, search_radius_m, min_snr_db, constant_sd),
     )
     _write(products, focused, scattering, equivalent, result, mode=mode, target=target, check=check, sky=sky)
     return result
@@ -247,7 +250,8 @@ def _angle_sd_db(focused: FocusedImage, target: TargetSpec) -> float:
 
 def _checked(
     focused: FocusedImage,
-    scattering: Complexes,
+    balanced: Complexes,
+    amplitudes: AmplitudeMap,
     check: TargetSpec,
     radius_m: float,
     min_snr_db: float,
@@ -256,7 +260,7 @@ def _checked(
     expected = _expected(focused, check)
     channel = max(focused.channels, key=lambda name: abs(expected[name]))
     peak = locate_target(
-        scattering,
+        balanced,
         focused.x_m,
         focused.y_m,
         check.image_place(focused.z_m),
@@ -264,7 +268,7 @@ def _checked(
         reference=focused.channels.index(channel),
         min_snr_db=min_snr_db,
     )
-    measured, truth = float(to_dbsm(peak.power)), float(to_dbsm(abs(expected[channel]) ** 2))
+    measured, truth = float(amplitudes.rcs_dbsm(peak.power)), float(to_dbsm(abs(expected[channel]) ** 2))
     compared = accuracy(measured, truth)
     return CheckResult(
         channel=channel,
@@ -273,9 +277,9 @@ def _checked(
         rcs_dbsm=measured,
         expected_dbsm=truth,
         error_db=compared.error_db,
-        sd_db=float(np.hypot(snr_sd_db(peak.snr_db), constant_sd_db)),
+        sd_db=float(np.hypot(amplitudes.slope * snr_sd_db(peak.snr_db), constant_sd_db)),
         thesis_accuracy_percent=compared.thesis_accuracy_percent,
-        values={name: complex(value) for name, value in zip(focused.channels, peak.values, strict=True)},
+        values=dict(zip(focused.channels, amplitudes.scattering(peak.values).tolist(), strict=True)),
     )
 
 

@@ -22,7 +22,7 @@ from processing.scene.radar_response import KINDS
 
 Floats = NDArray[np.float64]
 
-SKY_WINDOW_CELLS = 5
+SKY_WINDOW_CELLS = 15
 """Range cells over which the sky's noise is taken as equal."""
 
 

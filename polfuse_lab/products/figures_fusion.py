@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from polfuse_lab.products import style
@@ -77,13 +78,12 @@ def pauli_figure(polarimetry: Arrays) -> Figure:
         polarimetry: arrays of the stage "polarimetry".
     """
     x, y = polarimetry["x_m"], polarimetry["y_m"]
-    figure = style.new_figure(9.6, _height(x, y, 2, 9.6), title="Pauli components (complex amplitudes)")
-    axes = figure.subplots(2, 2, sharex=True, sharey=True)
-    style.image(axes[0, 0], _grey(pauli_rgb(polarimetry["pauli"])), x, y)
-    style.panel(axes[0, 0], f"R |HH−VV|, G |HV|, B |HH+VV|, {SPAN_DB:.0f} dB")
+    figure, axes = _ground_panels(x, y, "Pauli components (complex amplitudes)")
+    style.image(axes.flat[0], _grey(pauli_rgb(polarimetry["pauli"])), x, y)
+    style.panel(axes.flat[0], f"R, G, B = the other three, {SPAN_DB:.0f} dB")
     components = display_components(polarimetry["pauli"])
     top = float(np.ceil(np.nanmax(style.decibels(components)))) if np.any(components > 0) else 0.0
-    names = ("|HH−VV|: even bounce", "|HV|: turned even bounce, volume", "|HH+VV|: odd bounce")
+    names = ("|HH−VV|: even bounce", "|HV|: turned, volume", "|HH+VV|: odd bounce")
     for panel, values, name in zip(axes.flat[1:], components, names, strict=True):
         picture = style.db_image(panel, values, x, y, span_db=SPAN_DB, top_db=top)
         style.panel(panel, name)
@@ -100,13 +100,13 @@ def fused_figure(fusion: Arrays, names: list[str]) -> Figure:
         names: of the components, as in the stage's settings.
     """
     x, y = fusion["x_m"], fusion["y_m"]
-    figure = style.new_figure(9.6, _height(x, y, 2, 9.6), title="Fused vector of radar and camera")
-    axes = figure.subplots(2, 2, sharex=True, sharey=True)
+    figure, axes = _ground_panels(x, y, "Fused vector of radar and camera")
     for panel, values, name in zip(axes.flat, fusion["features"], names, strict=True):
-        high = 1.0 if name != "DOLP" else _top(values)
-        picture = style.image(panel, values, x, y, low=0.0, high=high, colours=style.FRACTION)
-        style.colour_bar(picture, panel, LABELS.get(name, name))
-        style.panel(panel, name if name == "DOLP" else f"{name}")
+        camera = name == "DOLP"
+        high = _top(values) if camera else 1.0
+        picture = style.image(panel, values, x, y, low=0.0, high=high, colours="cividis" if camera else style.FRACTION)
+        figure.colorbar(picture, ax=panel, label=LABELS.get(name, name), location="bottom", shrink=0.9, pad=0.02)
+        style.panel(panel, name)
     _ground_labels(axes)
     return figure
 
@@ -119,7 +119,8 @@ def class_figure(fusion: Arrays, classes: dict[str, Any]) -> Figure:
         classes: summaries by name in the order of the labels, as in the stage's settings.
     """
     x, y, labels = fusion["x_m"], fusion["y_m"], fusion["classes"].astype(np.float64)
-    figure = style.new_figure(10.4, max(4.2, 0.75 * _height(x, y, 1, 10.4)), title="Classes of the fused vector")
+    aspect = float(np.ptp(y)) / float(np.ptp(x))
+    figure = style.new_figure(10.4, float(np.clip(5.4 * aspect + 1.3, 4.4, 6.4)), title="Classes of the fused vector")
     on_ground, in_features = figure.subplots(1, 2, width_ratios=(1.35, 1))
     count = int(fusion["classes"].max()) + 1
     colours = [style.CLASS_COLOURS[i % len(style.CLASS_COLOURS)] for i in range(count)]
@@ -178,8 +179,8 @@ def overlay_figure(optics: Arrays, polarimetry: Arrays, fusion: Arrays, camera: 
     hue = seen / np.maximum(strength, 1e-9)[..., None]
     opacity = np.where(on_grid, 0.75 * np.clip((strength - 0.3) / 0.7, 0, 1), 0.0)
 
-    figure = style.new_figure(9.2, 9.2 * camera.height_px / camera.width_px * 0.86 + 0.9)
-    figure.suptitle("Radar in the camera's view", fontsize="large", fontweight="semibold")
+    title = "Radar in the camera's view"
+    figure = style.new_figure(9.2, 8.0 * camera.height_px / camera.width_px + 1.0, title=title)
     axes = figure.subplots()
     shade = np.asarray(optics["s0"], dtype=np.float64)
     picture = style.image(axes, shade, low=0.0, high=_top(shade), colours="gray")
@@ -199,6 +200,7 @@ def overlay_figure(optics: Arrays, polarimetry: Arrays, fusion: Arrays, camera: 
 def _range_lines(axes: Axes, camera: Pinhole, x: NDArray[Any], y: NDArray[Any], z_m: float) -> None:
     """Lines of equal ground range, labelled in metres."""
     step = 1.0 if np.ptp(y) <= 8 else 2.0 if np.ptp(y) <= 20 else 5.0
+    labelled = np.inf
     for ground_range in np.arange(np.ceil(y[0] / step) * step, y[-1] + 1e-9, step):
         along = np.linspace(x[0], x[-1], 50)
         points = np.stack([along, np.full(50, ground_range), np.full(50, z_m)], axis=-1)
@@ -208,6 +210,9 @@ def _range_lines(axes: Axes, camera: Pinhole, x: NDArray[Any], y: NDArray[Any], 
             continue
         axes.plot(u[inside], v[inside], color="white", linewidth=0.6, alpha=0.55)
         last = np.flatnonzero(inside)[-1]
+        if labelled - v[last] < 0.035 * camera.height_px:
+            continue
+        labelled = float(v[last])
         axes.text(u[last] - 3, v[last] - 3, f"{ground_range:.0f} m", color="white", fontsize="x-small", ha="right")
 
 
@@ -229,16 +234,21 @@ def _top(values: ArrayLike) -> float:
     return top if top > 0 else 1.0
 
 
-def _height(x: NDArray[Any], y: NDArray[Any], rows: int, width_in: float) -> float:
-    """Height of a figure with two columns of ground pictures of equal scales, inches."""
-    panel = (width_in / 2 - 1.2) * float(np.ptp(y)) / float(np.ptp(x))
-    return float(np.clip(rows * (panel + 0.6) + 0.8, 3.5, 14.0))
+def _ground_panels(x: NDArray[Any], y: NDArray[Any], title: str) -> tuple[Figure, NDArray[Any]]:
+    """A figure with four ground pictures of equal scales, side by side where the ground is deeper than wide."""
+    aspect = float(np.ptp(y)) / float(np.ptp(x))
+    rows, columns = (1, 4) if aspect > 1.2 else (2, 2)
+    width_in = 10.4
+    height_in = rows * (0.88 * width_in / columns * aspect + 0.9) + 0.8
+    figure = style.new_figure(width_in, float(np.clip(height_in, 3.2, 11.0)), title=title)
+    return figure, figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
 
 
 def _ground_labels(axes: NDArray[Any]) -> None:
     for row in axes:
         for panel in row:
             style.metres(panel, x="", y="")
+            panel.xaxis.set_major_locator(MaxNLocator(nbins=4, integer=True))
         row[0].set_ylabel("ground range y [m]")
     for panel in axes[-1]:
         panel.set_xlabel("along the rail x [m]")

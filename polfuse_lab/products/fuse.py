@@ -79,7 +79,7 @@ class ClassSummary:
     mean: dict[str, float]
     """Mean of each feature, by name."""
     mechanism: str
-    """Largest of the three Pauli components of the mean."""
+    """Pauli component of the mean above 0.8 of its norm, or "mixed"."""
     regularized: str
     """Why its covariance had to be regularized, or empty."""
 
@@ -112,6 +112,7 @@ def fuse(
     seed: int = 0,
     start: Literal["k-means++", "even"] = "k-means++",
     min_snr_db: float = 6.0,
+    dynamic_range_db: float = 30.0,
     normalization: Literal["pixel", "scene"] = "pixel",
     angle_sd_rad: float = np.radians(1.0),
     height_sd_m: float = 0.3,
@@ -129,6 +130,7 @@ def fuse(
         seed: of K-means.
         start: of K-means; "even" as in the thesis.
         min_snr_db: least span over noise of a radar pixel, dB; fainter pixels have no mechanism.
+        dynamic_range_db: span below the brightest pixel's, dB, at which pixels end; fainter ones show side lobes.
         normalization: see :func:`processing.fusion.features.normalized_components`.
         angle_sd_rad: how well the camera's direction is known, rad.
         height_sd_m: how far above the ground scatterers may stand, m.
@@ -148,6 +150,7 @@ def fuse(
     errors = _geometry_errors(products, settings, angle_sd_rad, height_sd_m)
     error_px = np.where(np.isfinite(u), registration_error(camera, x_m, y_m, z_m, errors).total, np.nan)
     usable = _above_noise(polarimetry["span"], calibration["noise_equivalent_rcs_m2"], settings, min_snr_db)
+    usable &= polarimetry["span"] > 10 ** (-dynamic_range_db / 10) * np.nanmax(polarimetry["span"], initial=0.0)
     components = normalized_components(polarimetry["pauli"], normalization=normalization, usable=usable)
     features = fused_vector(components, dolp)
     fused = np.isfinite(features[0])
@@ -192,6 +195,7 @@ def fuse(
         "seed": seed,
         "start": start,
         "min_snr_db": min_snr_db,
+        "dynamic_range_db": dynamic_range_db,
         "iterations": found.iterations,
         "geometry_errors": vars(errors),
         "classes": {name: vars(item) for name, item in result.classes.items()},
@@ -302,10 +306,15 @@ def _summaries(groups: Mapping[str, _Group]) -> dict[str, ClassSummary]:
             pixels=len(group.samples),
             fraction=len(group.samples) / total,
             mean={feature: float(value) for feature, value in zip(FEATURES, mean, strict=True)},
-            mechanism=FEATURES[int(np.argmax(mean[:3]))],
+            mechanism=_mechanism(mean[:3]),
             regularized=group.by_band["pauli_dolp"].regularized,
         )
     return summaries
+
+
+def _mechanism(components: Floats) -> str:
+    share = components / max(float(np.linalg.norm(components)), 1e-300)
+    return FEATURES[int(np.argmax(share))] if share.max() > 0.8 else "mixed"
 
 
 def _pairs(groups: Mapping[str, _Group]) -> dict[str, Separability]:

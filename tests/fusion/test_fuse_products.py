@@ -1,0 +1,174 @@
+"""Fusion of a calibrated scene with a camera picture, its pictures and its command."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import CAMERA, DIHEDRAL, GRID, GROUND_Z_M, TRIHEDRAL, deg
+from typer.testing import CliRunner
+
+from polfuse_lab.cli import build
+from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.calibrate import TargetSpec, calibrate
+from polfuse_lab.products.figures_fusion import draw_all, pauli_rgb
+from polfuse_lab.products.fuse import fuse
+from polfuse_lab.products.store import Products
+from processing.polarimetry.pauli import pauli_vector
+
+REGIONS = """
+[[region]]
+name = "dihedral"
+polygon_m = [[-2.6, 11.2], [-1.4, 11.2], [-1.4, 12.8], [-2.6, 12.8]]
+
+[[region]]
+name = "trihedral"
+polygon_m = [[-0.2, 7.0], [0.8, 7.0], [0.8, 9.0], [-0.2, 9.0]]
+"""
+
+
+@pytest.fixture(scope="module")
+def calibrated(focused_path: Path, sky_path: Path, tmp_path_factory) -> Path:
+    path = Path(shutil.copy(focused_path, tmp_path_factory.mktemp("fuse") / "p.h5"))
+    calibrate(path, TargetSpec("trihedral", 0.3, 8.0, 0.61, deg(42), deg(33)), sky=sky_path)
+    return path
+
+
+@pytest.fixture
+def products(calibrated: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(calibrated, tmp_path / "p.h5"))
+
+
+def at(plane: np.ndarray, x: float, y: float) -> np.ndarray:
+    return plane[..., int(np.argmin(np.abs(GRID.y_m - y))), int(np.argmin(np.abs(GRID.x_m - x)))]
+
+
+def test_both_pictures_meet_at_the_targets(products: Path) -> None:
+    fuse(products)
+    stage = Products(products).read("fusion")
+    assert stage["features"].shape == (4, *GRID.shape)
+    # The picture's DOLP is 0.5 around the dihedral and 0.1 elsewhere, with 0.01 noise: five of them.
+    dihedral, trihedral = (at(stage["features"], *r.position_m[:2]) for r in (DIHEDRAL, TRIHEDRAL))
+    assert dihedral[3] == pytest.approx(0.5, abs=0.05)
+    assert trihedral[3] == pytest.approx(0.1, abs=0.05)
+    # Normalized mechanism: even bounce and odd bounce, the rest below crosstalk and side lobes.
+    np.testing.assert_allclose(dihedral[:3], [1, 0, 0], atol=0.1)
+    np.testing.assert_allclose(trihedral[:3], [0, 0, 1], atol=0.1)
+    assert at(stage["classes"], *DIHEDRAL.position_m[:2]) != at(stage["classes"], *TRIHEDRAL.position_m[:2])
+    u, v, _ = CAMERA.project(np.array([*DIHEDRAL.position_m[:2], GROUND_Z_M]))
+    # The nearest grid point is at most half a pixel of the grid (0.05 m, 0.1 m) away.
+    assert at(stage["u_px"], *DIHEDRAL.position_m[:2]) == pytest.approx(float(u), abs=1.5)
+    assert at(stage["v_px"], *DIHEDRAL.position_m[:2]) == pytest.approx(float(v), abs=1.5)
+
+
+def test_undefined_pixels_are_nan_everywhere_and_have_no_class(products: Path) -> None:
+    found = fuse(products)
+    stage = Products(products).read("fusion")
+    undefined = np.isnan(stage["features"]).any(axis=0)
+    np.testing.assert_array_equal(stage["classes"] == -1, undefined)
+    np.testing.assert_array_equal(np.isnan(stage["rx"]), undefined)
+    assert np.isnan(stage["features"][:, undefined]).all()
+    assert found.pixels == (~undefined).sum() == sum(item.pixels for item in found.classes.values())
+    # Out of the camera's frame there is no DOLP.
+    np.testing.assert_array_equal(np.isnan(stage["u_px"]), np.isnan(stage["registration_error_px"]))
+    assert np.isnan(stage["dolp_on_ground"][np.isnan(stage["u_px"])]).all()
+    # Within the frame, at least the error of the camera's direction: 1 degree about each axis.
+    least = np.radians(1) * CAMERA.focal_length_px * np.sqrt(2)
+    assert np.nanmin(stage["registration_error_px"]) >= least * (1 - 1e-6)
+
+
+def test_same_seed_same_arrays(products: Path) -> None:
+    fuse(products, seed=3)
+    first = Products(products).read("fusion")
+    fuse(products, seed=3)
+    second = Products(products).read("fusion")
+    for name, values in first.items():
+        np.testing.assert_array_equal(values, second[name], err_msg=name)
+
+
+def test_regions_are_told_apart_better_with_dolp(products: Path, tmp_path: Path) -> None:
+    (tmp_path / "r.toml").write_text(REGIONS)
+    found = fuse(products, regions=tmp_path / "r.toml")
+    assert list(found.pairs) == ["dihedral - trihedral"]
+    pair = found.pairs["dihedral - trihedral"]
+    # More features never lower the Bhattacharyya distance of normal classes.
+    assert pair.distance["pauli_dolp"] > pair.distance["pauli"]
+    assert pair.distance["pauli_dolp"] > pair.distance["even_odd_dolp"]
+    assert pair.bounds.lower <= pair.bounds.upper < 1e-3
+    assert found.regions["dihedral"].mechanism == "even bounce"
+    assert found.regions["trihedral"].mechanism == "odd bounce"
+    assert found.regions["dihedral"].mean["DOLP"] == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (REGIONS.replace("trihedral", "dihedral"), "twice"),
+        (
+            REGIONS.replace("[0.8, 7.0]", "[0.8, 99.0]").replace("7.0", "90.0").replace("9.0]", "95.0]"),
+            "holds no pixel",
+        ),
+        (REGIONS.replace("polygon_m", "polygon"), "line 4"),
+        ("[[region]]", "name"),
+    ],
+)
+def test_bad_regions_are_refused(products: Path, tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "r.toml").write_text(text)
+    with pytest.raises(PolfuseError, match=words):
+        fuse(products, regions=tmp_path / "r.toml")
+
+
+def test_missing_stages_and_pictures_that_do_not_meet(focused_path: Path, products: Path, tmp_path: Path) -> None:
+    raw = Path(shutil.copy(focused_path, tmp_path / "raw.h5"))
+    with pytest.raises(PolfuseError, match="polfuse calibrate"):
+        fuse(raw)
+    store = Products(products)
+    optics, settings = store.read("optics"), store.settings("optics")
+    away = {**settings, "camera": {**settings["camera"], "depression_rad": -1.0}}
+    store.write("optics", optics, settings=away, inputs=[], units={})
+    with pytest.raises(PolfuseError, match="no pixel is defined in both"):
+        fuse(products)
+
+
+def test_pictures(products: Path, tmp_path: Path) -> None:
+    fuse(products)
+    paths = draw_all(Products(products), tmp_path / "f.png")
+    assert [path.name for path in paths] == ["f.png", "f_pauli.png", "f_classes.png", "f_overlay.png"]
+    for path in paths:
+        assert path.read_bytes().startswith(b"\x89PNG")
+    again = draw_all(Products(products), tmp_path / "g.png")
+    assert [path.read_bytes() for path in again] == [path.read_bytes() for path in paths]
+
+
+def test_pauli_colours() -> None:
+    # Odd bounce is blue, even bounce red, cross polarization green; equal amplitudes 17.5 dB down are half as bright.
+    k = pauli_vector([[1.0, 1.0, 0.0, np.nan]], [[0.0, 0.0, 2.0, 0.0]], [[1.0, -1.0, 0.0, 0.0]])
+    rgb = pauli_rgb(k, span_db=35.0)
+    np.testing.assert_allclose(rgb[0, :3], [[0, 0, 1], [1, 0, 0], [0, 1, 0]], atol=1e-9)
+    assert np.isnan(rgb[0, 3]).any()
+    faint = 10 ** (-17.5 / 20)
+    np.testing.assert_allclose(pauli_rgb(pauli_vector([[1, faint]], [[0, 0]], [[1, faint]]))[0, 1], [0, 0, 0.5])
+    np.testing.assert_array_equal(pauli_rgb(np.zeros((3, 2, 2), dtype=complex)), np.zeros((2, 2, 3)))
+
+
+def test_command_line(products: Path, tmp_path: Path) -> None:
+    (tmp_path / "r.toml").write_text(REGIONS)
+    app = build()
+    done = CliRunner().invoke(app, ["fuse", str(products), "--regions", str(tmp_path / "r.toml"), "--json"])
+    assert done.exit_code == 0, done.stderr
+    printed = json.loads(done.stdout)
+    assert set(printed["bhattacharyya"]) == {"dihedral - trihedral"}
+    lower, upper = printed["bayes_bounds"]["dihedral - trihedral"]
+    assert 0 <= lower <= upper <= 0.5
+    assert set(printed["classes"]) == {"class 1", "class 2", "class 3"}
+    assert Path(printed["figure"]).is_file()
+    assert Path(printed["figure"]) == products.with_name("p_fusion.png")
+    readable = CliRunner().invoke(app, ["fuse", str(products), "--classes", "2", "--start", "even"])
+    assert readable.exit_code == 0, readable.stderr
+    assert "class 2" in readable.stdout
+    missing = CliRunner().invoke(app, ["fuse", str(tmp_path / "none.h5"), "--json"])
+    assert missing.exit_code == 1
+    assert "no such products file" in missing.stderr
