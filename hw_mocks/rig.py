@@ -25,8 +25,8 @@ ACTUATION_S = 0.015
 SETTLE_S = 0.03
 """Twice the simulated switches' actuation."""
 PULSE_LATENCY_S = 0.02
-PULSE_GUARD_S = 0.02
-"""Over the private PulseAudio server a change of the world arrives within 2 ms of the frame count's estimate."""
+PULSE_GUARD_S = 0.03
+"""Frames leave the simulator in blocks of 10 ms: the frame count's estimate of their instant is up to 11 ms late."""
 
 
 class SimulatedRig:

@@ -5,7 +5,7 @@ arrive with the least delay is a straight line in n: the lower envelope of all a
 
 * A frame's sampling instant is read from the line, not from its own callback, and is immune to bursts and stalls.
 * A stall that is caught up loses nothing; after a loss every later frame stays late by the same amount. When the
-  least lateness over a whole window stays above a threshold, that much is missing, whether or not the host API set its
+  least lateness over half a second stays above a threshold, that much is missing, whether or not the host API set its
   overflow flag (PulseAudio never does).
 
 The ADC time, where its own jitter is small, refines the size of a loss; it never decides, since some host APIs report
@@ -22,6 +22,7 @@ from drivers.radar.ring import Arrival
 
 LOSS_THRESHOLD_S = 0.008
 LOSS_WINDOW_S = 0.5
+ONSET_TOLERANCE_S = 0.002
 DRIFT_WINDOW_S = 1.0
 ADC_JITTER_S = 0.0005
 
@@ -47,10 +48,7 @@ class StreamClock:
         self._confirmed = 0
         self.losses: list[Loss] = []
         self.lost = 0
-        self._suspect: Arrival | None = None
-        self._suspect_flagged = False
-        self._suspect_adc_jump_s = math.nan
-        self._least_late_s = math.inf
+        self._suspects: list[tuple[Arrival, float, float]] = []
         self._drift_from_ns = 0
         self._drift_least_s = math.inf
         self._flagged: deque[Arrival] = deque(maxlen=1024)
@@ -120,30 +118,36 @@ class StreamClock:
         if late_s < 0:
             self._origin_ns += late_s * 1e9
             late_s = 0.0
-        if self._suspect is None and (late_s > LOSS_THRESHOLD_S or arrival.overflow):
-            self._suspect, self._suspect_flagged = arrival, arrival.overflow
-            self._suspect_adc_jump_s, self._least_late_s = adc_jump_s, math.inf
-        if self._suspect is not None:
-            self._judge(arrival, late_s)
-        if self._suspect is None:
+        if self._suspects or late_s > LOSS_THRESHOLD_S or arrival.overflow:
+            self._suspects.append((arrival, late_s, adc_jump_s))
+            self._judge()
+        if not self._suspects:
             self._confirmed = end
             self._follow_drift(arrival, late_s)
 
-    def _judge(self, arrival: Arrival, late_s: float) -> None:
-        assert self._suspect is not None
-        self._suspect_flagged |= arrival.overflow
-        self._least_late_s = min(self._least_late_s, late_s)
-        if late_s <= LOSS_THRESHOLD_S and not self._suspect_flagged:
-            self._suspect = None  # it was only late
-        elif arrival.host_ns - self._suspect.host_ns >= LOSS_WINDOW_S * 1e9:
-            missing_s, jump_s = self._least_late_s, self._suspect_adc_jump_s
-            if abs(jump_s - missing_s) < LOSS_THRESHOLD_S:
-                missing_s = jump_s
-            frames = max(round(missing_s * self._rate), 1)
-            first, end = self._suspect.first, self._suspect.first + self._suspect.frames
-            self.losses.append(Loss(first, end, frames))
-            self.lost += frames
-            self._suspect = None
+    def _judge(self) -> None:
+        """Decide about the late arrivals so far: caught up, lost, or not known yet."""
+        first, newest = self._suspects[0][0], self._suspects[-1]
+        if newest[1] <= LOSS_THRESHOLD_S and not any(arrival.overflow for arrival, _, _ in self._suspects):
+            self._suspects.clear()  # it was only late
+            return
+        span_ns = newest[0].host_ns - first.host_ns
+        if span_ns < LOSS_WINDOW_S * 1e9:
+            return
+        # Arrivals just before the loss may have been late too: the level is read from the window's second half, and
+        # the loss placed where the lateness rises to that level for good.
+        settled = [s for s in self._suspects if newest[0].host_ns - s[0].host_ns <= span_ns / 2]
+        missing_s = min(late_s for _, late_s, _ in settled)
+        at = len(self._suspects) - 1
+        while at > 0 and self._suspects[at - 1][1] >= missing_s - ONSET_TOLERANCE_S:
+            at -= 1
+        where, _, adc_jump_s = self._suspects[at]
+        if abs(adc_jump_s - missing_s) < LOSS_THRESHOLD_S:
+            missing_s = adc_jump_s
+        frames = max(round(missing_s * self._rate), 1)
+        self.losses.append(Loss(where.first, where.first + where.frames, frames))
+        self.lost += frames
+        self._suspects.clear()
 
     def _follow_drift(self, arrival: Arrival, late_s: float) -> None:
         """Let the line rise when even the least late arrival of a second lies above it (a slow sound card)."""

@@ -84,7 +84,9 @@ def beat(
     if antenna.shape != (3,) and antenna.shape != (*np.shape(frequency_hz), 3):
         raise DataError(f"antenna positions of shape {antenna.shape}", "give (3,) or one row for each sample")
     ranges = np.linalg.norm(antenna[..., None, :] - centres, axis=-1)
-    return beat_of_ranges(frequency_hz, slope_hz_s, ranges, np.asarray(amplitudes) / ranges**2)
+    # A range of zero is refused below, with a sentence.
+    spread = np.where(ranges > 0, ranges, np.nan) ** 2
+    return beat_of_ranges(frequency_hz, slope_hz_s, ranges, np.asarray(amplitudes) / spread)
 
 
 def beat_of_ranges(

@@ -1,0 +1,134 @@
+"""Losses are found and stalls forgiven, from arrival times alone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.radar.ring import Arrival, SampleRing
+from drivers.radar.stream_clock import LOSS_THRESHOLD_S, StreamClock
+
+RATE, BLOCK = 48_000.0, 480
+START_NS = 7 * 10**15  # a computer that has run for 81 days
+
+
+class Card:
+    """A sound card with a known clock, delays and losses."""
+
+    def __init__(self, clock: StreamClock, *, ppm: float = 0.0, adc: bool = False) -> None:
+        self.clock, self.rate, self.adc = clock, RATE * (1 + ppm * 1e-6), adc
+        self.sampled = self.received = 0
+
+    def block(self, late_s: float = 0.0, lost: int = 0, overflow: bool = False) -> None:
+        self.sampled += lost + BLOCK
+        age = late_s + BLOCK / self.rate if self.adc else math.nan
+        host_ns = START_NS + round((self.sampled / self.rate + late_s) * 1e9)
+        self.clock.add(Arrival(self.received, BLOCK, host_ns, age, overflow))
+        self.received += BLOCK
+
+    def run(self, blocks: int, rng: np.random.Generator | None = None) -> None:
+        for _ in range(blocks):
+            self.block(0.0 if rng is None else float(rng.exponential(0.003)))
+
+
+def test_a_steady_stream_loses_nothing_and_knows_its_times() -> None:
+    clock = StreamClock(RATE)
+    Card(clock).run(1000)
+    assert clock.lost == 0
+    assert clock.confirmed == clock.end == 480_000
+    # Frame n arrives with the least delay at n / RATE after the start.
+    assert clock.arrival_ns(48_000) == pytest.approx(START_NS + 10**9, abs=2)
+    assert clock.first_frame_after(START_NS + 10**9) in (48_000, 48_001)
+
+
+@given(st.integers(0, 2**32), st.integers(500, 48_000))
+def test_a_silent_loss_is_sized_from_the_hosts_clock_whatever_the_jitter(seed: int, lost: int) -> None:
+    rng = np.random.default_rng(seed)
+    clock = StreamClock(RATE)
+    card = Card(clock)
+    card.run(200, rng)
+    card.block(float(rng.exponential(0.003)), lost=lost)
+    card.run(100, rng)
+    # Least of the 25 exponential delays (mean 3 ms) of the settled half: above 1.5 ms with probability exp(-12.5).
+    assert clock.lost == pytest.approx(lost, abs=round(0.0015 * RATE) + 1)
+    # Arrivals just before the loss may by chance be as late as those after it.
+    assert 190 * BLOCK <= clock.losses[0].first <= 200 * BLOCK
+
+
+@given(st.integers(1, 200), st.floats(0.01, 0.45))
+def test_a_stall_that_is_caught_up_loses_nothing(before: int, stall_s: float) -> None:
+    clock = StreamClock(RATE)
+    card = Card(clock)
+    card.run(before)
+    late = stall_s
+    while late > 0:
+        card.block(late)
+        late -= BLOCK / RATE  # the backlog arrives at once
+        if late > LOSS_THRESHOLD_S:
+            assert clock.confirmed < clock.end, "a record is not handed out before it is known to be whole"
+    card.run(100)
+    assert clock.lost == 0
+    assert clock.confirmed == clock.end
+
+
+@pytest.mark.parametrize("ppm", [-300, -20, 20, 300])
+def test_drift_is_no_loss(ppm: float) -> None:
+    clock = StreamClock(RATE)
+    card = Card(clock, ppm=ppm)
+    card.run(6000)
+    assert clock.lost == 0
+    # A minute on, a line of the nominal rate through the newest arrivals is off by a second's drift and a little.
+    assert clock.arrival_ns(card.received) == pytest.approx(START_NS + card.sampled / card.rate * 1e9, abs=1e6)
+
+
+def test_clean_adc_times_size_a_loss_to_the_frame() -> None:
+    clock = StreamClock(RATE)
+    card = Card(clock, adc=True)
+    rng = np.random.default_rng(3)
+    card.run(100, rng)
+    card.block(0.002, lost=960, overflow=True)
+    card.run(100, rng)
+    assert clock.lost == 960
+    assert clock.lost_before(100 * BLOCK) == 960
+    assert clock.lost_within(99 * BLOCK, 101 * BLOCK) == 960
+    assert clock.lost_within(0, 99 * BLOCK) == 0
+    assert clock.flagged_within(100 * BLOCK, 101 * BLOCK)
+
+
+def test_a_flag_alone_counts_as_at_least_one_frame() -> None:
+    clock = StreamClock(RATE)
+    card = Card(clock)
+    card.run(100)
+    card.block(overflow=True)
+    card.run(60)
+    assert clock.lost == 1
+
+
+def test_wrong_adc_times_do_not_invent_losses() -> None:
+    clock = StreamClock(RATE)
+    card = Card(clock)
+    for number in range(400):
+        age = 0.01 if number < 200 else 0.25  # some host APIs report such jumps
+        card.sampled += BLOCK
+        card.clock.add(Arrival(card.received, BLOCK, START_NS + round(card.sampled / RATE * 1e9), age, False))
+        card.received += BLOCK
+    assert clock.lost == 0
+
+
+@given(st.lists(st.integers(1, 37), min_size=1, max_size=60))
+def test_the_ring_holds_the_newest_frames(sizes: list[int]) -> None:
+    ring = SampleRing(50, 2, "int16")
+    everything = np.arange(sum(sizes) * 2, dtype=np.int16).reshape(-1, 2)
+    first = 0
+    for size in sizes:
+        ring.write(everything[first : first + size], first, math.nan, False)
+        first += size
+        kept = min(first, 50)
+        np.testing.assert_array_equal(ring.read(first - kept, kept), everything[first - kept : first])
+        assert ring.oldest == first - kept
+        if ring.oldest:
+            assert ring.read(ring.oldest - 1, 1) is None
