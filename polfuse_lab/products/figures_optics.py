@@ -15,7 +15,7 @@ from processing.optics.stokes import Flag, StokesImage
 
 _REASONS = (
     # flag, words, colour; a later one is drawn over an earlier one
-    (Flag.UNPOLARIZED, "no AOP: unpolarized", style.CLASS_COLOURS[4]),
+    (Flag.UNPOLARIZED, "no AOP: unpolarized", "0.8"),
     (Flag.INCOMPLETE, "incomplete", style.CLASS_COLOURS[3]),
     (Flag.SHADOW, "shadow", style.CLASS_COLOURS[0]),
     (Flag.ABOVE_ONE, "DOLP above 1", style.CLASS_COLOURS[1]),
@@ -37,7 +37,7 @@ def optics_figure(image: StokesImage, series: PolarizerSeries) -> Figure:
     )
     figure = style.new_figure(
         11.0,
-        max(3.0, 2 * 3.1 * rows / columns + 1.4),
+        max(3.0, 2 * 2.6 * rows / columns + 1.25),
         title=f"Linear polarization: {frames} frame{'s' if frames != '1' else ''} at each of {angles} degrees",
     )
     axes = figure.subplots(2, 3, sharex=True, sharey=True)
@@ -65,6 +65,8 @@ def optics_figure(image: StokesImage, series: PolarizerSeries) -> Figure:
     style.panel(axes[1, 0], "Degree of linear polarization (debiased)")
 
     picture = style.image(axes[1, 1], np.degrees(image.aop), low=-90.0, high=90.0, colours=style.CYCLIC)
+    # The cyclic map is light grey at +-90 degrees: what is undefined is darker here than elsewhere.
+    picture.set_cmap(style.colour_map(style.CYCLIC).with_extremes(bad="0.5"))
     bar = style.colour_bar(picture, axes[1, 1], "AOP [degrees]")
     bar.set_ticks([-90, -45, 0, 45, 90])
     style.panel(axes[1, 1], "Angle of polarization")

@@ -106,8 +106,8 @@ def polarization(stokes: ArrayLike, covariance: ArrayLike) -> tuple[Floats, Floa
 
     Returns:
         ``dolp`` (debiased), ``dolp_raw``, ``dolp_sd``, ``aop`` (radians, in (-pi/2, pi/2]), ``aop_sd`` (at most that of
-        an unknown angle), and the sd of the polarized intensity. Where S1 and S2 vanish (to rounding) the direction is unknown: variances
-        are means over directions and AOP is NaN. S0 = 0 gives NaN.
+        an unknown angle), and the sd of the polarized intensity. Where S1 and S2 vanish (to rounding) the direction is
+        unknown: variances are means over directions and AOP is NaN. S0 = 0 gives NaN.
     """
     vector, c = np.asarray(stokes, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
     s0, s1, s2 = vector[..., 0], vector[..., 1], vector[..., 2]
