@@ -24,6 +24,8 @@ Arrays = dict[str, NDArray[Any]]
 
 SPAN_DB = 35.0
 """From full colour to black, dB."""
+PANEL_SPAN_DB = 45.0
+"""Span of the single components, dB; crosstalk of a strong target shows at its lower end."""
 LABELS = {
     "even bounce": "|HH−VV| / norm",
     "cross-polarized": "|HV| / norm",
@@ -80,12 +82,12 @@ def pauli_figure(polarimetry: Arrays) -> Figure:
     x, y = polarimetry["x_m"], polarimetry["y_m"]
     figure, axes = _ground_panels(x, y, "Pauli components (complex amplitudes)")
     style.image(axes.flat[0], _grey(pauli_rgb(polarimetry["pauli"])), x, y)
-    style.panel(axes.flat[0], f"R, G, B = the other three, {SPAN_DB:.0f} dB")
+    style.panel(axes.flat[0], f"as R, G, B ({SPAN_DB:.0f} dB)")
     components = display_components(polarimetry["pauli"])
     top = float(np.ceil(np.nanmax(style.decibels(components)))) if np.any(components > 0) else 0.0
     names = ("|HH−VV|: even bounce", "|HV|: turned, volume", "|HH+VV|: odd bounce")
     for panel, values, name in zip(axes.flat[1:], components, names, strict=True):
-        picture = style.db_image(panel, values, x, y, span_db=SPAN_DB, top_db=top)
+        picture = style.db_image(panel, values, x, y, span_db=PANEL_SPAN_DB, top_db=top)
         style.panel(panel, name)
     style.colour_bar(picture, list(axes.flat), "dB over 1 m", extend="min")
     _ground_labels(axes)
@@ -142,7 +144,7 @@ def class_figure(fusion: Arrays, classes: dict[str, Any]) -> Figure:
         Patch(color=colour, label=name if item is None else f"{name}: {item['mechanism']}, {item['pixels']} px")
         for colour, (name, item) in zip(colours, known.items(), strict=True)
     ]
-    handles.append(Patch(color=style.UNDEFINED, label="undefined or noise"))
+    handles.append(Patch(color=style.UNDEFINED, label="undefined, noise or side lobes"))
     even, dolp = fusion["features"][0], fusion["features"][3]
     for label, colour in enumerate(colours):
         members = fusion["classes"] == label

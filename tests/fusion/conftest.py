@@ -9,6 +9,7 @@ import pytest
 
 from polfuse_lab.products.store import Products
 from processing.optics.camera_model import Pinhole
+from processing.radar.antenna import boresight, one_way_gain
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S, RangeProfiles
 from processing.sar.backprojection import backproject
 from processing.sar.grid import ImageGrid
@@ -19,6 +20,7 @@ CENTRE_HZ, BANDWIDTH_HZ, GROUND_Z_M = 2.4e9, 80e6, -1.07
 WAVELENGTH_M = SPEED_OF_LIGHT_M_S / CENTRE_HZ
 CHANNELS = ("HH", "HV", "VH", "VV")
 AMPLITUDE = 0.02
+DEPRESSION_RAD = float(np.radians(17))
 CAMERA = Pinhole(0.008, 33.2e-6, 196, 146, (0.0, 0.0, 0.0), np.radians(9.0))
 
 
@@ -44,7 +46,7 @@ def hann_envelope(cells: np.ndarray) -> np.ndarray:
     return np.sinc(cells) + 0.5 * (np.sinc(cells - 1) + np.sinc(cells + 1))
 
 
-def range_profiles(scene, receive, transmit, *, noise=0.0, seed=0, antenna_m=None) -> RangeProfiles:
+def range_profiles(scene, receive, transmit, *, noise=0.0, seed=0, antenna_m=None, beamwidth_rad=None) -> RangeProfiles:
     """Range-compensated profiles of a scene, by the convention of RangeProfiles; white beat noise grows as R^2."""
     antenna_m = antennas() if antenna_m is None else antenna_m
     resolution = SPEED_OF_LIGHT_M_S / (2 * BANDWIDTH_HZ)
@@ -54,6 +56,9 @@ def range_profiles(scene, receive, transmit, *, noise=0.0, seed=0, antenna_m=Non
         centres, s = scatterers(scene, place, WAVELENGTH_M)
         distance = np.linalg.norm(centres - place, axis=1)
         m = receive @ s @ transmit
+        if beamwidth_rad is not None:
+            cosine = (centres - place) @ boresight(DEPRESSION_RAD) / distance
+            m = m * one_way_gain(cosine, beamwidth_rad)[:, None, None]
         phase = np.exp(-4j * np.pi * CENTRE_HZ * distance / SPEED_OF_LIGHT_M_S)
         envelope = hann_envelope((range_m[None, :] - distance[:, None]) / resolution)
         for c, name in enumerate(CHANNELS):
@@ -67,7 +72,8 @@ def range_profiles(scene, receive, transmit, *, noise=0.0, seed=0, antenna_m=Non
 
 def write_radar(path: Path, profiles: RangeProfiles, grid: ImageGrid, **settings) -> Products:
     products = Products(path)
-    image = backproject(profiles, grid)
+    beamwidth, depression = settings.get("beamwidth_rad"), settings.get("depression_rad", 0.0)
+    image = backproject(profiles, grid, beamwidth_rad=beamwidth, depression_rad=depression)
     products.write(
         "ranging",
         {

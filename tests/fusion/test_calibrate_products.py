@@ -12,6 +12,7 @@ import pytest
 from conftest import (
     AMPLITUDE,
     CHANNELS,
+    DEPRESSION_RAD,
     DIHEDRAL,
     GRID,
     GROUND_Z_M,
@@ -20,6 +21,8 @@ from conftest import (
     RECEIVE,
     TRANSMIT,
     TRIHEDRAL,
+    WAVELENGTH_M,
+    antennas,
     deg,
     range_profiles,
     write_radar,
@@ -29,9 +32,12 @@ from typer.testing import CliRunner
 from polfuse_lab.cli import build
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.calibrate import TargetSpec, calibrate
+from polfuse_lab.products.calibration_inputs import read_focused
 from polfuse_lab.products.store import Products
 from processing.errors import DataError
-from processing.scene.model import Scene
+from processing.sar.grid import ImageGrid
+from processing.scene.model import Reflector, Scene
+from processing.scene.radar_response import apparent_scattering
 
 TARGET = TargetSpec("trihedral", 0.3, 8.0, 0.61, deg(42), deg(33))
 CHECK = TargetSpec("dihedral", -2.0, 12.0, 0.61, fold_rad=np.pi / 2)
@@ -115,7 +121,7 @@ def test_sd_of_the_constant_counts_noise_and_angles(products: Path) -> None:
     assert angles.constant_db == plain.constant_db
 
 
-def test_pattern_compensation_and_layover_of_an_elevated_target(tmp_path: Path) -> None:
+def test_layover_of_an_elevated_target(tmp_path: Path) -> None:
     # The same isotropic point 0.4 m above the ground shows nearer to the rail, by its range.
     spec = TargetSpec("plate", -3.0, 7.0, 0.5, height_m=0.4)
     x, y = spec.image_place(GROUND_Z_M)
@@ -132,6 +138,28 @@ def test_pattern_compensation_and_layover_of_an_elevated_target(tmp_path: Path) 
     # An isolated target: what is left is the parabola through the peak and the envelope's curvature over the aperture.
     assert found.constant_db == pytest.approx(-db(AMPLITUDE), abs=0.03)
     assert found.cross_imbalance is None
+
+
+def test_apparent_scattering_is_what_a_pattern_compensated_image_shows(tmp_path: Path) -> None:
+    # A plate's flash is narrow, so what the image shows of it depends on how the positions are weighted: with a
+    # pattern of 40 degrees the far ends of the aperture count less, by g^2.
+    plate = Reflector("plate", "plate", (1.0, 8.0, GROUND_Z_M), 0.61, deg(4))
+    beamwidth = deg(40)
+    profiles = range_profiles(Scene("one", reflectors=(plate,)), np.eye(2), np.eye(2), beamwidth_rad=beamwidth)
+    around = ImageGrid(1.0 + 0.1 * np.arange(-3, 4), 8.0 + 0.1 * np.arange(-3, 4), GROUND_Z_M)
+    path = tmp_path / "p.h5"
+    write_radar(path, profiles, around, beamwidth_rad=beamwidth, depression_rad=DEPRESSION_RAD)
+    focused = read_focused(Products(path))
+    weights = focused.pulse_weights(np.asarray(plate.position_m))
+    expected = apparent_scattering(plate, antennas(), WAVELENGTH_M, weights)[0, 0]
+    # Single-precision image and an eight-point interpolator of profiles with eight samples in a cell: 1e-3.
+    assert focused.image[0, 3, 3] == pytest.approx(AMPLITUDE * expected, rel=2e-3)
+    equal = apparent_scattering(plate, antennas(), WAVELENGTH_M)[0, 0]
+    assert abs(expected / equal - 1) > 0.05
+    # Noise averages less well over positions that the pattern weakens.
+    averaging = focused.noise_averaging()
+    assert averaging.shape == around.y_m.shape
+    assert (averaging > 1 / 61).all()
 
 
 def test_thesis_mode_draws_a_line_through_target_and_noise(products: Path, sky_path: Path) -> None:
