@@ -1,7 +1,4 @@
-"""GRBL 1.1: the parser, exact bytes, the simulated controller against the firmware's transcript, driver against both.
-
-The transcript lines are those of real GRBL 1.1h firmware.
-"""
+"""GRBL driver against the simulated controller: moves, stops, alarms, restarts, lost lines."""
 
 from __future__ import annotations
 
@@ -9,42 +6,18 @@ import math
 import threading
 import time
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
+from grbl_helpers import BANNER, driver, simulated
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from serial_helpers import Script, both_kinds, until_still, wait_for
+from serial_helpers import both_kinds, until_still, wait_for
 
-from drivers.contracts import Trolley
-from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
+from drivers.errors import DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
 from drivers.trolley.grbl import GrblTrolley
-from drivers.trolley.grbl_protocol import explain, parse_report, parse_setting
 from hw_mocks.grbl import Grbl, start_grbl
 from hw_mocks.wire import Kind, Wire, serve
 from hw_mocks.world import World
-
-BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
-IDLE = b"<Idle|MPos:0.000,0.000,0.000|FS:0,0>\r\n"
-OPENING = [
-    (b"?", IDLE),
-    (b"!", b""),
-    (b"?", IDLE),
-    (b"\x18", BANNER),
-    (b"?", b"<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n"),
-    (b"$I\n", b"[VER:1.1h.20190830:]\r\n[OPT:V,15,128]\r\nok\r\n"),
-    (b"$$\n", b"$13=0\r\n$100=250.000\r\n$110=6000.000\r\nok\r\n"),
-    (b"?", IDLE),
-]
-
-
-def driver(url: str, **options: Any) -> GrblTrolley:
-    given = {"length_m": 4.0, "feed_m_s": 1.0, "timeout_s": 1.0, "poll_interval_s": 0.005} | options
-    return GrblTrolley(GrblTrolley.Options(port=url, **given))
-
-
-def simulated(world: World, kind: Kind | None = None, **options: Any) -> Wire:
-    return serve(Grbl(world, **({"length_m": 4.0, "feed_limit_m_s": 5.0} | options)), kind=kind)
 
 
 @pytest.fixture
@@ -55,169 +28,6 @@ def rig() -> Iterator[tuple[World, Wire, GrblTrolley]]:
         trolley.open()
         yield world, wire, trolley
         trolley.close()
-
-
-# The parser
-
-
-def test_reports_of_the_real_firmware() -> None:
-    report = parse_report("<Run|MPos:2.260,0.000,0.000|FS:432,0|Pn:RHS|Ov:100,100,100>", None, "here")
-    assert (report.state, report.substate, report.machine_mm) == ("Run", None, (2.26, 0.0, 0.0))
-    assert parse_report("<Hold:1|MPos:1.000,0.000,0.000|FS:0,0>", None, "here").name == "Hold:1"
-    assert parse_report("<Alarm|MPos:-5.5,0,0>", None, "here").machine_mm == (-5.5, 0.0, 0.0)
-
-
-def test_work_offset_is_remembered() -> None:
-    # Machine position = work position + offset (GRBL 1.1 interface description).
-    unknown = parse_report("<Idle|WPos:1.000,2.000,3.000|FS:0,0>", None, "here")
-    assert unknown.machine_mm is None
-    first = parse_report("<Idle|WPos:1.000,2.000,3.000|FS:0,0|WCO:10.000,0.000,-1.000>", None, "here")
-    assert first.machine_mm == (11.0, 2.0, 2.0)
-    later = parse_report("<Run|WPos:2.000,2.000,3.000|FS:10,0>", first.work_offset_mm, "here")
-    assert later.machine_mm == (12.0, 2.0, 2.0)
-
-
-@pytest.mark.parametrize(
-    "line",
-    ["<>", "<Idle>", "<Idle,MPos:0.000,0.000,0.000>", "<Idle|MPos:a,b,c>", "<Idle|MPos:nan,0,0>", "<Idle|MPos:>",
-     "<Idle|FS:0,0>", "<idle|MPos:0,0,0>", "<Idle|MPos:1,2,3", "<Idle|WPos:1,2,3|WCO:1>", "<Idle|MPos:1,2,3,4,5,6,7>"],
-)  # fmt: skip
-def test_what_is_no_report(line: str) -> None:
-    with pytest.raises(DeviceBadAnswer, match="here"):
-        parse_report(line, None, "here")
-
-
-@given(st.one_of(st.text(max_size=60), st.from_regex(r"<[A-Z][a-z]{1,6}(:\d)?(\|[MW](Pos|CO):[-\d.,e]{0,12}){0,3}>")))
-@settings(max_examples=150, deadline=None)
-def test_fuzz_reports(line: str) -> None:
-    explain(line)
-    parse_setting(line)
-    try:
-        report = parse_report(line, (1.0, 2.0, 3.0), "here")
-    except DeviceBadAnswer:
-        return
-    assert report.machine_mm is not None
-    assert all(math.isfinite(mm) for mm in report.machine_mm)
-
-
-def test_words_for_codes() -> None:
-    assert explain("error:9") == "error:9 (G-code is locked while it is in alarm or jogging)"
-    assert explain("ALARM:3") == "ALARM:3 (it was reset while moving, the position is probably lost)"
-    assert "does not list" in explain("error:99")
-    assert explain("error:") == "error:"
-
-
-# Exact bytes
-
-
-@both_kinds
-def test_exact_bytes(kind: Kind) -> None:
-    script = Script(
-        *OPENING,
-        # x = 0 is the middle of a 4 m rail whose left end is machine position 0; 0.1 m/s are 6000 mm/min ($110).
-        (b"G21 G90 G53 G1 X2000.000 F6000.0\n", b"ok\r\n"),
-        (b"?", b"<Run|MPos:500.000,0.000,0.000|FS:6000,0>\r\n"),
-        (b"?", b"<Idle|MPos:2000.000,0.000,0.000|FS:0,0>\r\n"),
-    )
-    with serve(script, kind=kind) as wire:
-        trolley = driver(wire.url)
-        assert isinstance(trolley, Trolley)
-        identity = trolley.open()
-        assert (identity.kind, identity.driver, identity.name) == ("trolley", "grbl", "Grbl 1.1h")
-        assert "[VER:1.1h.20190830:]" in identity.detail
-        trolley.start_move(0.0)
-        fix = trolley.poll()
-        assert (fix.x_m, fix.moving, fix.state) == (-1.5, True, "Run")
-        time.sleep(0.01)
-        fix = trolley.poll()
-        assert (fix.x_m, fix.moving, fix.state) == (0.0, False, "Idle")
-        # Uniform over +-0.5 mm of tolerance and over one step of 4 um: sqrt(0.5^2/3 + 0.004^2/12) mm.
-        assert fix.sd_m == pytest.approx(1e-3 * math.sqrt(0.25 / 3 + 0.004**2 / 12), rel=1e-12)
-        trolley.close()
-    script.check()
-
-
-def test_exact_bytes_of_a_stop() -> None:
-    script = Script(
-        *OPENING,
-        (b"G21 G90 G53 G1 X2000.000 F6000.0\n", b"ok\r\n"),
-        (b"!!", b""),
-        (b"?", b"<Hold:1|MPos:500.000,0.000,0.000|FS:6000,0>\r\n"),
-        (b"?", b"<Hold:0|MPos:501.000,0.000,0.000|FS:0,0>\r\n"),
-        (b"?", b"<Hold:0|MPos:501.000,0.000,0.000|FS:0,0>\r\n"),
-        (b"\x18", BANNER),
-        (b"?", b"<Idle|MPos:501.000,0.000,0.000|FS:0,0>\r\n"),
-    )
-    with serve(script) as wire:
-        trolley = driver(wire.url)
-        trolley.open()
-        trolley.start_move(0.0)
-        trolley.stop()
-        assert trolley.poll().moving is True
-        time.sleep(0.01)
-        fix = trolley.poll()
-        assert (fix.moving, fix.x_m) == (False, pytest.approx(-1.499, abs=1e-12))
-        trolley.close()
-    script.check()
-
-
-# The simulated controller against the transcript
-
-
-def test_the_simulation_answers_as_the_transcript() -> None:
-    grbl = Grbl(World(), length_m=4.0, origin_m=0.0, start_delay_s=0.0, hold_s=0.05)
-    assert grbl.handle(b"\x18") == BANNER
-    assert grbl.handle(b"$I\n") == b"[VER:1.1h.20190830:]\r\n[OPT:V,15,128]\r\nok\r\n"
-    assert grbl.handle(b"$H\n") == b"error:5\r\n"
-    assert grbl.handle(b"G91\nG1 X100 F500\n") == b"ok\r\nok\r\n"
-    time.sleep(0.02)
-    assert grbl.handle(b"?").startswith(b"<Run|MPos:0.")
-    assert grbl.handle(b"$H\n") == b"error:8\r\n"
-    assert grbl.handle(b"!?").startswith(b"<Hold:1|")
-    assert grbl.handle(b"~?").startswith(b"<Hold:1|")  # a resume during Hold:1 is ignored
-    time.sleep(0.06)
-    assert grbl.handle(b"?").startswith(b"<Hold:0|")
-    assert grbl.handle(b"~?").startswith(b"<Run|")
-    assert grbl.handle(b"\x18") == b"ALARM:3\r\n" + BANNER + b"[MSG:'$H'|'$X' to unlock]\r\n"
-    assert grbl.handle(b"G1 X1 F100\n") == b"error:9\r\n"
-    assert grbl.handle(b"?").startswith(b"<Alarm|")
-    assert grbl.handle(b"$X\n") == b"[MSG:Caution: Unlocked]\r\nok\r\n"
-    assert grbl.handle(b"G5 X1\n") == b"error:20\r\n"
-    assert grbl.handle(b"G1 Xa F1\n") == b"error:2\r\n"
-    assert grbl.handle(b"12\n") == b"error:1\r\n"
-    assert grbl.handle(b"G1 X1\n") == b"error:22\r\n"  # the reset forgot the feed
-    assert grbl.handle(b"$Q\n\n") == b"error:3\r\nok\r\n"
-
-
-def test_the_simulation_keeps_its_position_over_a_reset_in_a_finished_hold() -> None:
-    world = World()
-    grbl = Grbl(world, length_m=4.0, origin_m=0.0, start_delay_s=0.0, hold_s=0.01)
-    grbl.handle(b"G1 X1000 F6000\n")
-    time.sleep(0.03)
-    grbl.handle(b"!")
-    time.sleep(0.02)
-    held = world.trolley_x_m.at()
-    assert grbl.handle(b"?").startswith(b"<Hold:0|")
-    assert grbl.handle(b"\x18") == BANNER
-    assert grbl.handle(b"?").startswith(b"<Idle|")
-    assert world.trolley_x_m.at() == held > 0
-
-
-def test_offset_comes_only_in_some_simulated_reports() -> None:
-    grbl = Grbl(World(), length_m=4.0)
-    reports = [grbl.handle(b"?") for _ in range(25)]
-    with_offset = [b"WCO:" in report for report in reports]
-    assert with_offset[0]
-    assert sum(with_offset) == 3  # every tenth while idle
-    assert any(b"Ov:" in report for report in reports)
-
-
-def test_the_simulated_planner_takes_fifteen_moves() -> None:
-    grbl = Grbl(World(), length_m=4.0)
-    assert grbl.handle(b"G91 G1 X1 F60\n" * 20) == b"ok\r\n" * 15
-
-
-# Driver against simulation
 
 
 @both_kinds
@@ -421,70 +231,6 @@ def test_found_moving_at_open() -> None:
         second.close()
 
 
-def test_standing_elsewhere_is_refused() -> None:
-    turns = [(b"G21 G90 G53 G1 X2000.000 F6000.0\n", b"ok\r\n"), *[(b"?", IDLE)] * 300]
-    with serve(Script(*OPENING, *turns)) as wire:
-        trolley = driver(wire.url)
-        trolley.open()
-        trolley.start_move(0.0)
-        with pytest.raises(DeviceRefused, match=r"stands at x = -2.0000 m instead of 0.0000 m"):
-            until_still(trolley.poll)
-        trolley.close()
-
-
-def test_a_move_that_never_ends_times_out() -> None:
-    held = b"<Hold:0|MPos:5.000,0.000,0.000|FS:0,0>\r\n"
-    turns = [(b"G21 G90 G53 G1 X100.000 F6000.0\n", b"ok\r\n"), *[(b"?", held)] * 300]
-    with serve(Script(*OPENING, *turns)) as wire:
-        # 0.1 m at 0.1 m/s, and half a second of margin
-        trolley = driver(wire.url, length_m=0.1, origin_m=-0.05, move_margin_s=0.5)
-        trolley.open()
-        trolley.start_move(0.05)
-        started = time.monotonic()
-        with pytest.raises(DeviceTimeout, match=r"has not arrived at x = 0.0500 m"):
-            until_still(trolley.poll)
-        assert 1.4 < time.monotonic() - started < 2.5
-        trolley.close()
-
-
-@pytest.mark.parametrize(
-    ("said", "error", "says"),
-    [
-        (b"<Door:1|MPos:0.000,0.000,0.000>\r\n", DeviceRefused, "safety door is open"),
-        (b"<Idle,MPos:0.000,0.000,0.000>\r\n", DeviceBadAnswer, "runs GRBL 1.1"),
-        (b"<Idle|WPos:0.000,0.000,0.000>\r\n", None, ""),
-        (b"ok\r\n" * 300, DeviceBadAnswer, "talks without end"),
-        (b"", DeviceTimeout, "no answer"),
-        (b"\xff\xfe\r\n", DeviceBadAnswer, "not text"),
-    ],
-)
-def test_odd_answers_to_a_status_question(said: bytes, error: type[DeviceError] | None, says: str) -> None:
-    with serve(Script(*OPENING, (b"?", said))) as wire:
-        trolley = driver(wire.url, timeout_s=0.3)
-        trolley.open()
-        time.sleep(0.01)
-        if error is None:
-            assert trolley.poll().x_m == -2.0  # the offset told at the start is remembered
-        else:
-            with pytest.raises(error, match=says):
-                trolley.poll()
-        trolley.close()
-
-
-def test_inches_are_refused() -> None:
-    opening = [*OPENING[:6], (b"$$\n", b"$13=1\r\nok\r\n")]
-    with serve(Script(*opening)) as wire, pytest.raises(DeviceRefused, match=r"inches \(\$13=1\); send \$13=0"):
-        driver(wire.url).open()
-
-
-def test_the_controllers_speed_limit_is_heeded() -> None:
-    with serve(Script(*OPENING, (b"G21 G90 G53 G1 X0.000 F6000.0\n", b"ok\r\n"))) as wire:
-        trolley = driver(wire.url, feed_m_s=0.5)
-        trolley.open()
-        trolley.start_move(-2.0)
-        trolley.close()
-
-
 @both_kinds
 def test_unplugged_in_motion(kind: Kind) -> None:
     world = World()
@@ -503,14 +249,6 @@ def test_unplugged_in_motion(kind: Kind) -> None:
         trolley.open()
         assert until_still(trolley.poll).x_m == pytest.approx(world.trolley_x_m.at(), abs=3e-6)
         trolley.close()
-
-
-def test_nobody_answers() -> None:
-    with serve(Script()) as wire:
-        started = time.monotonic()
-        with pytest.raises(DeviceTimeout, match="no GRBL controller answers"):
-            driver(wire.url, timeout_s=0.1).open()
-        assert time.monotonic() - started < 4
 
 
 def test_an_arduino_that_restarts_with_its_port() -> None:
