@@ -24,6 +24,7 @@ ALLOWED_NAMES = ("XDG_RUNTIME_DIR",)
 _lock = threading.Lock()
 _users = 0
 _environment: dict[str, str] = {}
+_replaced: dict[str, str | None] = {}
 
 
 def check_environment(environment: Mapping[str, str]) -> None:
@@ -58,12 +59,13 @@ def acquire(environment: Mapping[str, str]) -> Any:
                 advice="close that port first",
             )
         if not _users:
-            _environment.clear()
-            _environment.update(environment)
-            os.environ.update(environment)
-            # Merely listing the devices would otherwise start a JACK server of its own.
-            os.environ.setdefault("JACK_NO_START_SERVER", "1")
-        sounddevice = _initialised()
+            _enter(environment)
+        try:
+            sounddevice = _initialised()
+        except BaseException:
+            if not _users:
+                _leave()
+            raise
         _users += 1
         return sounddevice
 
@@ -73,9 +75,7 @@ def release(*, stuck: bool = False) -> None:
     global _users
     with _lock:
         _users = max(_users - 1, 0)
-        sounddevice: Any = sys.modules.get("sounddevice")
-        if sounddevice is None:
-            return
+        sounddevice: Any = sys.modules["sounddevice"]
         if stuck:
             # Its exit handler would terminate PortAudio and so wait for the hanging call for ever.
             sounddevice._initialized = 0
@@ -83,6 +83,28 @@ def release(*, stuck: bool = False) -> None:
             with contextlib.suppress(Exception):
                 while sounddevice._initialized:
                     sounddevice._terminate()
+        if not _users:
+            _leave()
+
+
+def _enter(environment: Mapping[str, str]) -> None:
+    _environment.clear()
+    _environment.update(environment)
+    # Merely listing the devices would otherwise start a JACK server of its own.
+    wanted = {"JACK_NO_START_SERVER": "1", **environment}
+    _replaced.clear()
+    _replaced.update({name: os.environ.get(name) for name in wanted})
+    os.environ.update(wanted)
+
+
+def _leave() -> None:
+    """Restore the environment: a later port, or a child process, must not find a sound server that has ended."""
+    for name, value in _replaced.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
+    _replaced.clear()
 
 
 def _initialised() -> Any:

@@ -60,7 +60,7 @@ class SoundPort:
         """Sample type; samples are stored exactly as delivered."""
         block_frames: Annotated[int, Ge(0), Le(65_536)] = 480
         """Frames per callback; 0 leaves it to PortAudio."""
-        latency_s: Annotated[float, Gt(0), Le(2)] = 0.1
+        latency_s: Annotated[float, Gt(0), Le(0.5)] = 0.1
         """Buffer asked of the sound system, s; longer survives longer pauses of the computer, and delivers later."""
         guard_s: Annotated[float, Ge(0), Le(10)] = 0.06
         """Frames sampled less than this after a record was asked for are discarded, s; above the path's least delay."""

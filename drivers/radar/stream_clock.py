@@ -24,6 +24,7 @@ LOSS_THRESHOLD_S = 0.008
 LOSS_WINDOW_S = 0.5
 ONSET_TOLERANCE_S = 0.002
 DRIFT_WINDOW_S = 1.0
+PATIENCE_S = 5.0
 ADC_JITTER_S = 0.0005
 
 
@@ -131,12 +132,11 @@ class StreamClock:
         if newest[1] <= LOSS_THRESHOLD_S and not any(arrival.overflow for arrival, _, _ in self._suspects):
             self._suspects.clear()  # it was only late
             return
-        span_ns = newest[0].host_ns - first.host_ns
-        if span_ns < LOSS_WINDOW_S * 1e9:
+        settled = self._settled()
+        if not settled or newest[0].host_ns - first.host_ns < LOSS_WINDOW_S * 1e9:
             return
-        # Arrivals just before the loss may have been late too: the level is read from the window's second half, and
-        # the loss placed where the lateness rises to that level for good.
-        settled = [s for s in self._suspects if newest[0].host_ns - s[0].host_ns <= span_ns / 2]
+        # Arrivals just before the loss may have been late too: the level is read from the window's last half, and the
+        # loss placed where the lateness rises to that level for good.
         missing_s = min(late_s for _, late_s, _ in settled)
         at = len(self._suspects) - 1
         while at > 0 and self._suspects[at - 1][1] >= missing_s - ONSET_TOLERANCE_S:
@@ -148,6 +148,22 @@ class StreamClock:
         self.losses.append(Loss(where.first, where.first + where.frames, frames))
         self.lost += frames
         self._suspects.clear()
+
+    def _settled(self) -> list[tuple[Arrival, float, float]]:
+        """The late arrivals of the last half window; none while a longer pause lies within it (a burst follows)."""
+        half_ns = LOSS_WINDOW_S / 2 * 1e9
+        newest_ns = later_ns = self._suspects[-1][0].host_ns
+        settled: list[tuple[Arrival, float, float]] = []
+        for suspect in reversed(self._suspects):
+            if later_ns - suspect[0].host_ns > half_ns:
+                break
+            settled.append(suspect)
+            later_ns = suspect[0].host_ns
+            if newest_ns - later_ns >= half_ns:
+                return settled
+        # A device that always pauses so long would otherwise never be judged.
+        patience_ns = PATIENCE_S * 1e9
+        return settled if newest_ns - self._suspects[0][0].host_ns > patience_ns else []
 
     def _follow_drift(self, arrival: Arrival, late_s: float) -> None:
         """Let the line rise when even the least late arrival of a second lies above it (a slow sound card)."""

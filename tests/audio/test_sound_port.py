@@ -338,7 +338,7 @@ def test_a_call_that_hangs_is_given_up() -> None:
 
 def test_nothing_is_left_behind(make_rig: Callable[..., Rig]) -> None:
     need("pulse")
-    before = set(threading.enumerate())
+    before, environment = set(threading.enumerate()), dict(os.environ)
     rig = make_rig(pulse=True)
     assert rig.pulse is not None
     pid, directory = rig.pulse.pid, os.path.dirname(rig.pulse.environment["PULSE_COOKIE"])
@@ -347,6 +347,7 @@ def test_nothing_is_left_behind(make_rig: Callable[..., Rig]) -> None:
     radar.close()
     rig.card.close()
     assert set(threading.enumerate()) <= before
+    assert dict(os.environ) == environment
     assert not os.path.exists(directory)
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)

@@ -75,6 +75,21 @@ def test_a_stall_that_is_caught_up_loses_nothing(before: int, stall_s: float) ->
     assert clock.confirmed == clock.end
 
 
+@given(st.integers(0, 2**32), st.floats(0.01, 3.0))
+def test_a_long_stall_amid_jitter_loses_nothing(seed: int, stall_s: float) -> None:
+    rng = np.random.default_rng(seed)
+    clock = StreamClock(RATE)
+    card = Card(clock)
+    card.run(100, rng)
+    card.block(0.0085)  # late already when the stall begins
+    late = stall_s
+    while late > 0:
+        card.block(late)
+        late -= BLOCK / RATE * (1 - 1e-3)  # a quick burst, not an instant
+    card.run(100, rng)
+    assert clock.lost == 0
+
+
 @pytest.mark.parametrize("ppm", [-300, -20, 20, 300])
 def test_drift_is_no_loss(ppm: float) -> None:
     clock = StreamClock(RATE)
