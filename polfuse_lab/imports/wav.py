@@ -154,14 +154,14 @@ def _sync(path: Path, wav: Wav, nominal_period_s: float, polarity: Polarity) -> 
 
 def _check_agreement(paths: Sequence[Path], wavs: Sequence[Wav], syncs: Sequence[Sync]) -> None:
     """All files must come from one radar on one sound card."""
-    known = [sync for sync in syncs if sync.polarity_from != "convention"] or syncs
+    known = [sync.inverted for sync in syncs if sync.polarity_from != "convention"] or [syncs[0].inverted]
     for path, wav, sync in zip(paths, wavs, syncs, strict=True):
         differs = None
         if (wav.sample_rate_hz, wav.samples.dtype) != (wavs[0].sample_rate_hz, wavs[0].samples.dtype):
             differs = "another sample rate or type"
         elif sync.channel != syncs[0].channel:
             differs = "the sync on the other channel"
-        elif sync in known and sync.inverted != known[0].inverted:
+        elif sync.polarity_from != "convention" and sync.inverted != known[0]:
             differs = "the sync inverted"
         elif abs(sync.period_s / syncs[0].period_s - 1) > 0.02:
             differs = f"a sweep period of {sync.period_s * 1e3:.2f} ms instead of {syncs[0].period_s * 1e3:.2f} ms"

@@ -31,9 +31,9 @@ def robust_line(
 ) -> Line:
     """Huber's line through points evenly spaced in time or nearly so.
 
-    The slope's variance is ``sigma^2 / sum(w (t - t_middle)^2)`` times ``(1 + rho) / (1 - rho)`` for residuals whose
-    neighbours correlate with rho (first-order autoregression): speckle of an extended target lasts several sweeps,
-    so that points are fewer independent witnesses than their number.
+    The slope's variance is that of Huber's estimate, ``E[psi^2] / E[psi']^2 / sum((t - t_middle)^2)``, times
+    ``(1 + rho) / (1 - rho)`` for residuals whose neighbours correlate with rho (first-order autoregression): speckle of
+    an extended target lasts several sweeps, so that points are fewer independent witnesses than their number.
     """
     base = np.ones_like(t) if weight is None else weight
     factor = np.ones_like(t)
@@ -53,12 +53,16 @@ def robust_line(
     count = len(t)
     if count < 3 or lever <= 0:
         return Line(t_middle, middle, slope, float("nan"), float("nan"))
-    w = base * factor
-    variance = float((w * residual**2).sum() / w.sum()) * count / (count - 2)
-    around = residual[:-1] * residual[1:]
-    energy = float((residual**2).sum())
-    rho = float(np.clip(around.sum() / energy, 0.0, 0.95)) if energy > 0 else 0.0
-    slope_sd = np.sqrt(variance * w.sum() / count / lever * (1 + rho) / (1 - rho))
+    # Variance of an M-estimate: E[psi^2] / E[psi']^2 over the lever (Huber 1981, section 7.6).
+    psi = base * factor * residual
+    kept = float((base * (factor >= 1.0)).mean())
+    variance = float((psi**2).sum()) / (count - 2) / max(kept, 0.1) ** 2
+    energy = float((psi**2).sum())
+    rho = float((psi[:-1] * psi[1:]).sum()) / energy if energy > 0 else 0.0
+    # The correlation of residuals about a fitted line is found too low by (2 + 4 rho) / n (Kendall 1954).
+    rho = float(np.clip(rho + (2 + 4 * rho) / count, 0.0, 0.95)) if rho > 2 / np.sqrt(count) else max(rho, 0.0)
+    spreading = float((base * (t - t_middle) ** 2).sum())
+    slope_sd = np.sqrt(variance / spreading * (1 + rho) / (1 - rho))
     return Line(t_middle, middle, slope, float(slope_sd), float(np.sqrt(variance)))
 
 

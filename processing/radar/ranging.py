@@ -34,7 +34,7 @@ WINDOWS: tuple[Window, ...] = ("hann", "taylor", "rectangular")
 _TAYLOR_TERMS, _TAYLOR_LEVEL_DB = 4, 35.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sweeps:
     """Beat samples of whole up-ramps."""
 

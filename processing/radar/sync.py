@@ -29,7 +29,7 @@ _REGULAR = 0.05  # deviation from the median length at which a run is still a ra
 _BILEVEL = 0.8  # share of a sync's samples that stand near one of its two levels
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sync:
     """The sweep clock of a recording. All instants and lengths are in samples, fractional."""
 

@@ -21,7 +21,7 @@ from processing.radar.line_fit import breaks, robust_line
 from processing.radar.ridges import best_path
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Track:
     """A stretch of steady motion. Speeds are range rates, positive when the range grows."""
 
@@ -95,7 +95,8 @@ def find_tracks(
     if not np.isfinite(profiles).all():
         raise DataError("the range profiles contain undefined samples", "leave out the sweeps that have them")
     period = float(np.median(np.diff(time_s)))
-    moving = remove_background(profiles, _background_sweeps(settings, period, count))
+    background = _background_sweeps(settings, period, count)
+    moving = remove_background(profiles, background)
     level_db = noise_normalised_db(moving)
     score = _score(level_db, range_m, settings, resolution_m)
     shortest = max(int(np.ceil(settings.min_duration_s / period)), 4)
@@ -111,7 +112,9 @@ def find_tracks(
             time_s[rows], positions, sd=resolution_m / 2, penalty=_BREAK_PENALTY, shortest=shortest
         ):
             piece = slice(first, last)
-            track = _track(moving, level_db, time_s, range_m, rows[piece], positions[piece], wavelength_m, period)
+            track = _track(
+                moving, level_db, time_s, range_m, rows[piece], positions[piece], wavelength_m, period, background
+            )
             slowest = max(settings.min_speed_m_s, 3 * track.speed_sd_m_s)
             if abs(track.speed_m_s) >= slowest and abs(track.r1_m - track.r0_m) >= resolution_m:
                 tracks.append(track)
@@ -139,12 +142,13 @@ def _background_sweeps(settings: TrackSettings, period_s: float, count: int) -> 
 
 
 def noise_normalised_db(moving: NDArray[np.complexfloating]) -> NDArray[np.float64]:
-    """Power in dB over its median: of each range over time, then of each sweep over range.
+    """Power in dB over the noise: of each range over time (lower quartile), then of each sweep over range (median).
 
-    Both medians are robust against targets, which fill each range for a small part of the time only.
+    Targets fill a range for a part of the time only: up to three quarters of it do not lift the noise that is found.
     """
     power = 20 * np.log10(np.maximum(np.abs(moving), 1e-300))
-    power = power - np.median(power, axis=0)
+    # Of exponentially distributed power the median lies 10 log10(ln 2 / ln(4/3)) = 3.82 dB over the lower quartile.
+    power = power - np.percentile(power, 25, axis=0) - 3.82
     result: NDArray[np.float64] = power - np.maximum(np.median(power, axis=1, keepdims=True), 0.0)
     return result
 
@@ -171,11 +175,15 @@ def _refine(
     rows: NDArray[np.intp],
     resolution_m: float,
 ) -> NDArray[np.float64]:
-    """Centroid of the power within one resolution cell on either side of the path, m."""
-    reach = max(int(np.ceil(resolution_m / (range_m[1] - range_m[0]))), 1)
-    index = np.clip(columns[:, None] + np.arange(-reach, reach + 1), 0, len(range_m) - 1)
-    power = 10 ** (level_db[rows[:, None], index] / 10)
-    centroid: NDArray[np.float64] = (power * range_m[index]).sum(axis=1) / power.sum(axis=1)
+    """Centroid of the power within one resolution cell on either side of the path, then of the centroid, m."""
+    step = range_m[1] - range_m[0]
+    reach = max(int(np.ceil(resolution_m / step)), 1)
+    centre = columns
+    for _ in range(3):
+        index = np.clip(centre[:, None] + np.arange(-reach, reach + 1), 0, len(range_m) - 1)
+        power = 10 ** (level_db[rows[:, None], index] / 10)
+        centroid: NDArray[np.float64] = (power * range_m[index]).sum(axis=1) / power.sum(axis=1)
+        centre = np.clip(np.round((centroid - range_m[0]) / step).astype(np.intp), columns - reach, columns + reach)
     return centroid
 
 
@@ -188,8 +196,10 @@ def _track(
     positions: NDArray[np.float64],
     wavelength_m: float,
     period_s: float,
+    background: int,
 ) -> Track:
-    line = robust_line(time_s[rows], positions)
+    steady = _with_full_background(rows, len(time_s), background)
+    line = robust_line(time_s[rows[steady]], positions[steady])
     fitted = line.middle + line.slope * (time_s[rows] - line.t_middle)
     columns = np.clip(np.round((fitted - range_m[0]) / (range_m[1] - range_m[0])).astype(np.intp), 0, len(range_m) - 1)
     doppler, doppler_sd = _pulse_pair(moving, rows, columns, wavelength_m, period_s, line.slope)
@@ -206,6 +216,17 @@ def _track(
         sweeps=rows,
         range_m=positions,
     )
+
+
+def _with_full_background(rows: NDArray[np.intp], count: int, background: int) -> slice:
+    """The part of a stretch that is far from the record's ends, if that is most of it, else all of it.
+
+    Near the ends the background is a mean over one side only; it takes more off the side on which a slow target will
+    be or has been, and so pushes it away.
+    """
+    first = int(np.searchsorted(rows, background // 2))
+    last = int(np.searchsorted(rows, count - background // 2))
+    return slice(first, last) if last - first >= max(len(rows) // 2, 4) else slice(0, len(rows))
 
 
 def _pulse_pair(

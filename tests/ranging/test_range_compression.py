@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_recordings import C, Point, recording
-from scipy.integrate import quad
 
 from processing.errors import DataError
 from processing.radar.ranging import (
@@ -36,13 +35,10 @@ def one_sweep(range_m, amplitude=1.0, first=0.3, ramp=RAMP):
 
 
 def envelope(window, cells):
-    """The window's transform at a distance in cells, by numerical integration."""
-
-    def shape(x):
-        return float(window_weights(window, x, 1e9))
-
-    area = quad(shape, -0.5, 0.5)[0]
-    return quad(lambda x: shape(x) * np.cos(2 * np.pi * cells * x), -0.5, 0.5, limit=400)[0] / area
+    """The window's transform at a distance in cells, by the midpoint rule (error (pi cells / 20,000)^2 / 24)."""
+    x = (np.arange(20_000) + 0.5) / 20_000 - 0.5
+    shape = window_weights(window, x, 1e9)
+    return (shape * np.cos(2 * np.pi * cells * x)).sum() / shape.sum()
 
 
 def leakage(window, range_m):
