@@ -71,7 +71,8 @@ class SoundPort:
         ring_s: Annotated[float, Ge(1), Le(600)] = 8.0
         """Samples kept while nobody asks for them, s."""
         check_pace: bool = True
-        """Compare the frame count with the host's clock. False only for file devices, which know no time."""
+        """Compare the frame count with the host's clock. False only for file devices, which know no time: they wait
+        until their samples are asked for, and records follow each other without a gap."""
         environment: Mapping[str, str] = field(default_factory=dict)
         """Environment of the sound system: ALSA_*, PULSE_*, JACK_*, XDG_RUNTIME_DIR."""
 
@@ -86,7 +87,8 @@ class SoundPort:
         self._ring = SampleRing(1, CHANNELS, options.sample_format)
         self._clock = StreamClock(options.sample_rate_hz)
         self._next_arrival = 0
-        self._ended = threading.Event()
+        self._ended, self._closing = threading.Event(), threading.Event()
+        self._released, self._holding = 0, False
         self._request: _Request | None = None
 
     # -- opening and closing ------------------------------------------------------------------------------------------
@@ -123,8 +125,16 @@ class SoundPort:
         self._request = None
         self._ended = ended = threading.Event()
 
+        self._closing = closing = threading.Event()
+        self._released, self._holding = 0, False
+
         def arrived(samples: NDArray[np.generic], frames: int, times: Any, status: Any) -> None:
             host_ns = time.monotonic_ns()
+            if not options.check_pace:
+                self._holding = True
+                while ring.written + frames > self._released + capacity and not closing.wait(0.001):
+                    pass
+                self._holding = False
             age_s = times.currentTime - times.inputBufferAdcTime if times.inputBufferAdcTime > 0 else float("nan")
             ring.write(samples, host_ns, age_s, bool(status.input_overflow))
 
@@ -209,6 +219,7 @@ class SoundPort:
             stream, self._stream, self._request = self._stream, None, None
             if stream is None:
                 return
+            self._closing.set()
             try:
                 portaudio.bounded(
                     lambda: stream.close(ignore_errors=True), self._options.open_timeout_s, "closing", self._where
@@ -255,7 +266,7 @@ class SoundPort:
             if self._options.check_pace:
                 first = self._clock.first_frame_after(now_ns + round(self._options.guard_s * 1e9))
             else:
-                first = self._ring.written
+                first = self._released
             try:
                 samples = np.zeros((frames, CHANNELS), dtype=self._options.sample_format)
             except (MemoryError, ValueError):
@@ -314,6 +325,7 @@ class SoundPort:
                 continue
             request.samples[request.filled : request.filled + frames] = piece
             request.filled += frames
+            self._released = following + frames
 
     def _take_in(self) -> None:
         """Hand new arrivals to the clock; raise when the stream has ended or stalled."""
@@ -332,7 +344,7 @@ class SoundPort:
                 advice="plug it in again and reopen the port",
             )
         last = self._ring.last_ns
-        if last is not None and time.monotonic_ns() - last > self._options.stall_timeout_s * 1e9:
+        if last is not None and not self._holding and time.monotonic_ns() - last > self._options.stall_timeout_s * 1e9:
             raise DeviceTimeout(
                 f"no sample for {self._options.stall_timeout_s:g} s",
                 where=self._where,
