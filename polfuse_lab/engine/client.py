@@ -268,13 +268,20 @@ def collect(
         plan_path: the plan file.
         output: the session file to be written; must not exist.
         on_status: called with each status, about five times a second.
-        on_prompt: called with the client and each prompt for the operator of a hand-operated device.
+        on_prompt: called with the client and each prompt for the operator of a hand-operated device; without it, the
+            first prompt aborts the run.
 
     Raises:
         PolfuseError: a file is wrong, or the engine does not start or dies.
     """
     with EngineClient.start(rig_path, plan_path, output) as client:
-        ask = None if on_prompt is None else (lambda prompt: on_prompt(client, prompt))
+
+        def ask(prompt: Prompt) -> None:
+            if on_prompt is None:
+                client.abort(f"nobody was there to do what was asked: {prompt.text}")
+            else:
+                on_prompt(client, prompt)
+
         while True:
             try:
                 return client.wait(on_status, ask)

@@ -26,6 +26,8 @@ OPEN_S = 30.0
 SAFE_S = 0.6
 """Longest that bringing the devices to their safe state may take, s: an abort is over within a second."""
 CLOSE_S = 10.0
+STUCK_S = 0.5
+"""Longest that is waited for a device whose driver had not come back from an earlier call."""
 
 
 @dataclass
@@ -39,6 +41,16 @@ class Device:
     by_hand: bool
     """Whether a person does what the driver asks; such a device has no time-out."""
     identity: Identity | None = None
+    """Who answered; None while it is not open."""
+
+    def open(self) -> None:
+        """Open it and keep who answered (in the device's own thread: known even if nobody waits for it any more)."""
+        self.identity = self.device.open()
+
+    def secure(self) -> None:
+        """Bring it to its safe state, if it is open."""
+        if self.identity is not None:
+            self.device.make_safe()
 
 
 @dataclass
@@ -103,13 +115,13 @@ class DeviceSet:
 
     def open_all(self) -> None:
         """Open every device, all at once. Raises :class:`Aborted`, or the first failure with all others named."""
-        futures = {kind: device.lane.submit(device.device.open) for kind, device in self.by_kind.items()}
+        futures = {kind: device.lane.submit(device.open) for kind, device in self.by_kind.items()}
         failures: list[Exception] = []
         for kind, future in futures.items():
             device = self.by_kind[kind]
             try:
                 self.control.wait_for(future, OPEN_S, "open", f"{kind} ({device.driver})")
-                device.identity = future.result()
+                future.result()
             except DeviceError as error:
                 failures.append(error)
             except (OSError, RuntimeError, ValueError, TypeError, AttributeError, KeyError, ImportError) as error:
@@ -122,13 +134,13 @@ class DeviceSet:
         end = time.monotonic() + SAFE_S
         waiting: dict[str, Future[None]] = {}
         for kind, device in self.by_kind.items():
-            if device.identity is not None:
-                waiting[kind] = device.lane.submit(device.device.make_safe)
+            # In the device's own thread, behind an opening that is under way.
+            waiting[kind] = device.lane.submit(device.secure)
         done = concurrent.futures.wait(waiting.values(), timeout=SAFE_S / 2).done
         for kind in [kind for kind, future in waiting.items() if future not in done]:
             if waiting[kind].cancel():
                 # The device's thread is stuck in another call: safety does not queue behind it.
-                waiting[kind] = Lane(f"{kind} safe").submit(self.by_kind[kind].device.make_safe)
+                waiting[kind] = Lane(f"{kind} safe").submit(self.by_kind[kind].secure)
         concurrent.futures.wait(waiting.values(), timeout=max(end - time.monotonic(), 0.05))
         troubles = []
         for kind, future in waiting.items():
@@ -140,8 +152,10 @@ class DeviceSet:
 
     def close_all(self) -> None:
         """Close all devices, at once and in bounded time. Never raises."""
-        futures = [device.lane.submit(device.device.close) for device in self.by_kind.values()]
-        concurrent.futures.wait(futures, timeout=CLOSE_S)
+        stuck = {kind for kind, device in self.by_kind.items() if device.lane.busy}
+        futures = {kind: device.lane.submit(device.device.close) for kind, device in self.by_kind.items()}
+        concurrent.futures.wait([future for kind, future in futures.items() if kind not in stuck], timeout=CLOSE_S)
+        concurrent.futures.wait(futures.values(), timeout=STUCK_S)
         for device in self.by_kind.values():
             device.lane.end()
         for device in self.by_kind.values():

@@ -311,6 +311,7 @@ class Scheduler:
         self._recorder.offer(Event(state, reason, time.monotonic_ns()))
 
     def _enter(self, state: RunState, reason: str) -> None:
+        self._count()
         self._set(state=state, reason=reason)
         self._on_change()
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import struct
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +25,11 @@ if TYPE_CHECKING:
     from polfuse_lab.plans import Plan
 
 Table = NDArray[np.void]
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+# HDF5 superblock, versions 2 and 3: signature, version, sizes of offsets and lengths, flags, base address, address of
+# the extension, end of file.
+_SUPERBLOCK = struct.Struct("<8sBBBBQQQ")
 
 
 def open_session(path: Path | str) -> Session:
@@ -66,6 +73,7 @@ def _open(path: Path) -> h5py.File:
             )
         raise PolfuseError("does not exist", where=str(path), advice="check the file's name")
     try:
+        _require_whole(path)
         return h5py.File(path, "r", locking="best-effort")
     except PermissionError as error:
         raise PolfuseError("may not be read", where=str(path), advice="check its permissions") from error
@@ -75,6 +83,28 @@ def _open(path: Path) -> h5py.File:
             return h5py.File(path, "r", swmr=True, locking="best-effort")
         except (OSError, RuntimeError) as error:
             raise _damaged(path, error) from error
+
+
+def _require_whole(path: Path) -> None:
+    """Refuse a file that is shorter than its superblock says: HDF5 reads zeros, or for ever, beyond its end.
+
+    A writer that was killed leaves a file at least as long (the superblock is written after what it counts).
+    """
+    with open(path, "rb") as file:
+        start = file.read(_SUPERBLOCK.size)
+        size = file.seek(0, os.SEEK_END)
+    if not start.startswith(_SIGNATURE):
+        raise PolfuseError("is not an HDF5 file", where=str(path), advice="check the file's name")
+    if len(start) < _SUPERBLOCK.size:
+        length = _SUPERBLOCK.size
+    else:
+        _, version, offset_bytes, _, _, _, _, length = _SUPERBLOCK.unpack(start)
+        if version not in (2, 3) or offset_bytes != 8:
+            return
+    if size < length:
+        raise PolfuseError(
+            f"is cut short: {size} of at least {length} bytes", where=str(path), advice="use another copy"
+        )
 
 
 def _damaged(path: Path, error: Exception) -> PolfuseError:

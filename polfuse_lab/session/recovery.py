@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,8 @@ from polfuse_lab.session.naming import move_without_replacing
 from polfuse_lab.session.reader import Session, open_session
 from polfuse_lab.session.space import ballast_path, in_use, require_free
 
-TIMEOUT_S = 3600.0
+STALL_S = 60.0
+"""Longest that reading one record may take; what is left by a crash can make HDF5 search for ever."""
 
 
 @dataclass(frozen=True)
@@ -61,12 +63,15 @@ def _in_a_process(partial: Path, out: Path) -> RecoverResult | PolfuseError:
     child = context.Process(target=_work, args=(partial, out, sender), daemon=True)
     child.start()
     sender.close()
+    what = "ended the reader"
     try:
-        if receiver.poll(TIMEOUT_S):
+        while receiver.poll(STALL_S):
             kind, *values = receiver.recv()
-            return (
-                RecoverResult(*values) if kind == "done" else PolfuseError(values[0], where=values[1], advice=values[2])
-            )
+            if kind == "done":
+                return RecoverResult(*values)
+            if kind == "error":
+                return PolfuseError(values[0], where=values[1], advice=values[2])
+        what = f"did not come forward for {STALL_S:.0f} s"
     except EOFError:
         pass
     finally:
@@ -78,7 +83,7 @@ def _in_a_process(partial: Path, out: Path) -> RecoverResult | PolfuseError:
         if not out.exists():
             _unfinished(out).unlink(missing_ok=True)
     return PolfuseError(
-        f"is damaged so badly that reading it ended the reader (exit {child.exitcode})",
+        f"is damaged so badly that reading it {what}",
         where=str(partial),
         advice="use another copy",
     )
@@ -86,7 +91,7 @@ def _in_a_process(partial: Path, out: Path) -> RecoverResult | PolfuseError:
 
 def _work(partial: Path, out: Path, sender: Any) -> None:
     try:
-        result = copy_whole_records(partial, out)
+        result = copy_whole_records(partial, out, on_record=lambda: sender.send(("alive",)))
         sender.send(("done", result.recovered_records, result.lost_records, result.session))
     except PolfuseError as error:
         sender.send(("error", error.what, error.where, error.advice))
@@ -98,14 +103,14 @@ def _unfinished(out: Path) -> Path:
     return out.with_name(out.name + ".recovering")
 
 
-def copy_whole_records(partial: Path, out: Path) -> RecoverResult:
-    """The copy itself, in the calling process. Raises as :func:`recover`."""
+def copy_whole_records(partial: Path, out: Path, on_record: Callable[[], None] = lambda: None) -> RecoverResult:
+    """The copy itself, in the calling process; ``on_record`` is called for each record. Raises as :func:`recover`."""
     _refuse_while_written(partial)
     unfinished = _unfinished(out)
     unfinished.unlink(missing_ok=True)
     try:
         with open_session(partial) as session, h5py.File(unfinished, "x", libver=("v110", "v110")) as file:
-            kept = _copy(session, file)
+            kept = _copy(session, file, on_record)
             recovered = sum(len(file[name]) for name in layout.TABLES)
             lost = session.missing_records + sum(count - good for count, good in kept)
         target = move_without_replacing(unfinished, out)
@@ -121,7 +126,7 @@ def _refuse_while_written(partial: Path) -> None:
         )
 
 
-def _copy(session: Session, file: h5py.File) -> list[tuple[int, int]]:
+def _copy(session: Session, file: h5py.File, on_record: Callable[[], None]) -> list[tuple[int, int]]:
     """Copy configuration, tables, audio and images; return (rows found, rows copied) of the two with data."""
     source = session._file
     file.attrs["schema"] = layout.SCHEMA
@@ -130,7 +135,7 @@ def _copy(session: Session, file: h5py.File) -> list[tuple[int, int]]:
     for name in layout.TABLES:
         if name not in ("sweeps", "frames"):
             _table(file, name, getattr(session, name))
-    counts = [_copy_audio(session, file), _copy_images(session, file)]
+    counts = [_copy_audio(session, file, on_record), _copy_images(session, file, on_record)]
     state = source["state"][:]
     if bytes(state["state"][0]) == b"recording":
         state["state"] = b"engine lost"
@@ -141,12 +146,13 @@ def _copy(session: Session, file: h5py.File) -> list[tuple[int, int]]:
     return counts
 
 
-def _copy_audio(session: Session, file: h5py.File) -> tuple[int, int]:
+def _copy_audio(session: Session, file: h5py.File, on_record: Callable[[], None]) -> tuple[int, int]:
     old = session._file["audio"]
     new = layout.declare_audio(file, old.shape[1], old.dtype.name, old.chunks[0])
     chunk = new.chunks[0]
     rows = []
     for index, row in enumerate(session.sweeps):
+        on_record()
         try:
             samples = session.audio(index)
         except PolfuseError:
@@ -161,12 +167,13 @@ def _copy_audio(session: Session, file: h5py.File) -> tuple[int, int]:
     return len(session.sweeps), len(rows)
 
 
-def _copy_images(session: Session, file: h5py.File) -> tuple[int, int]:
+def _copy_images(session: Session, file: h5py.File, on_record: Callable[[], None]) -> tuple[int, int]:
     rows: list[np.void] = []
     if "images" in session._file:
         old = session._file["images"]
         new = layout.declare_images(file, old.shape[1:], old.dtype.name)
         for index, row in enumerate(session.frames):
+            on_record()
             try:
                 image = session.frame(index)
             except PolfuseError:

@@ -1,0 +1,101 @@
+"""Look at every device of a rig, say what is wrong and how to mend it. Never hangs, never changes a setting."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.errors import DeviceError
+from polfuse_lab.errors import PolfuseError
+from polfuse_lab.live import sync_problem
+from polfuse_lab.plans.dry_run import record_frames
+from polfuse_lab.rig import Rig, read_model
+from polfuse_lab.scheduler.control import Control
+from polfuse_lab.scheduler.devices import OPEN_S, Device, DeviceSet, make_device, open_failure
+from polfuse_lab.scheduler.prompts import Prompts
+
+KINDS = ("radar", "switches", "trolley", "camera", "polarizer")
+LISTEN_S = 10.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What was found of one device."""
+
+    name: str
+    """Name of its driver."""
+    kind: str
+    ok: bool
+    detail: str
+    """Who answered, or what is wrong."""
+    advice: str
+    """How to mend it; empty when all is well."""
+
+
+def examine(path: Path | str) -> list[Finding]:
+    """Open each device of a rig in turn, ask who it is, and close it again; listen to the radar for its sync.
+
+    Hand-operated devices are only made, since opening them may ask the operator for something.
+
+    Raises:
+        PolfuseError: the rig file itself cannot be read.
+    """
+    path = Path(path)
+    rig = read_model(path, Rig)
+    return [examine_device(rig, kind, path) for kind in KINDS if rig.section(kind) is not None]
+
+
+def examine_device(rig: Rig, kind: str, path: Path) -> Finding:
+    """Examine one device. Never raises for what is wrong with it."""
+    section = rig.section(kind)
+    assert section is not None
+    control = Control()
+    try:
+        device = make_device(rig, kind, path, Prompts())
+    except PolfuseError as error:
+        return Finding(section.driver, kind, False, error.what, error.advice)
+    devices = DeviceSet(control, {kind: device})
+    try:
+        if device.by_hand:
+            return Finding(device.driver, kind, True, "operated by hand", "")
+        return _examine_open(rig, device, devices)
+    except (DeviceError, PolfuseError) as error:
+        return Finding(device.driver, kind, False, error.what, error.advice)
+    except Exception as error:
+        failure = open_failure(kind, device.driver, error)
+        return Finding(device.driver, kind, False, failure.what, failure.advice)
+    finally:
+        devices.make_safe()
+        devices.close_all()
+
+
+def _examine_open(rig: Rig, device: Device, devices: DeviceSet) -> Finding:
+    opening = device.lane.submit(device.open)
+    devices.control.wait_for(opening, OPEN_S, "open", f"{device.kind} ({device.driver})")
+    opening.result()
+    assert device.identity is not None
+    detail = " ".join(part for part in (device.identity.name, device.identity.detail) if part)
+    if device.kind == "radar":
+        problem = _listen(rig, devices)
+        if problem is not None:
+            return Finding(device.driver, device.kind, False, f"{detail}: {problem}", _signal_advice(problem))
+        detail += ", sync found"
+    return Finding(device.driver, device.kind, True, detail, "")
+
+
+def _listen(rig: Rig, devices: DeviceSet) -> str | None:
+    radar = devices.radar
+    frames = record_frames(rig, 3, radar.sample_rate_hz)
+    devices.call("radar", radar.begin, frames)
+    end = time.monotonic() + LISTEN_S
+    while (block := devices.call("radar", radar.poll)) is None:
+        if time.monotonic() > end:
+            return f"no samples within {LISTEN_S:g} s"
+        devices.control.slice()
+    return sync_problem(rig, block.samples, block.sample_rate_hz)
+
+
+def _signal_advice(problem: str) -> str:
+    advice = problem.partition("; ")[2]
+    return advice or "check the radar's power, its cable and the input level"
