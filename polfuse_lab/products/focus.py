@@ -85,7 +85,7 @@ def default_grid(
         )
     if not (x_m[0] < x_m[1] and 0 < y_m[0] < y_m[1]):
         raise PolfuseError(
-            f"x from {x_m[0]:g} to {x_m[1]:g} m and y from {y_m[0]:g} to {y_m[1]:g} m are no image in front of the rail",
+            f"x from {x_m[0]:g} to {x_m[1]:g} m and y from {y_m[0]:g} to {y_m[1]:g} m are no image ahead of the rail",
             where="image grid",
             advice="give increasing extents with y above 0",
         )
@@ -315,7 +315,7 @@ def _peaks(image: NDArray[np.complexfloating], grid: ImageGrid, profiles: RangeP
     )
     # Hann's main lobe is four widths of the unweighted cell from null to null; what is nearer is the same target.
     separation = (2 * min(cell.x_m, 1.0), 2 * min(cell.y_m, 2 * profiles.resolution_m))
-    return find_peaks(span, grid, count, separation_m=separation)
+    return find_peaks(span, grid, count, separation_m=separation, range_compensated=profiles.range_compensated)
 
 
 def _write(
