@@ -144,6 +144,7 @@ def calibrate(
         radius_m=search_radius_m,
         reference=hh,
         min_snr_db=min_snr_db,
+        gain=focused.range_gain,
     )
     expected = _expected(focused, target)
     expected_m2 = float(abs(expected["HH"]) ** 2)
@@ -267,6 +268,7 @@ def _checked(
         radius_m=radius_m,
         reference=focused.channels.index(channel),
         min_snr_db=min_snr_db,
+        gain=focused.range_gain,
     )
     measured, truth = float(amplitudes.rcs_dbsm(peak.power)), float(to_dbsm(abs(expected[channel]) ** 2))
     compared = accuracy(measured, truth)

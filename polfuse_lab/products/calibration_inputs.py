@@ -17,6 +17,7 @@ from processing.errors import DataError
 from processing.radar.antenna import boresight, one_way_gain
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 from processing.sar.aperture import aperture_window
+from processing.sar.quality import range_gain
 from processing.scene.model import Reflector
 from processing.scene.radar_response import KINDS
 
@@ -116,6 +117,11 @@ class FocusedImage:
     def wavelength_m(self) -> float:
         """Wavelength at the centre frequency, m."""
         return SPEED_OF_LIGHT_M_S / self.centre_hz
+
+    @property
+    def range_gain(self) -> Floats:
+        """(ny, nx) gain of the range compensation over the image, m^2."""
+        return range_gain(self.x_m, self.y_m[:, None], self.z_m)
 
     def pulse_weights(self, place_m: Floats) -> Floats:
         """(positions,) relative weights with which the image sums a target's scattering at ``place_m``.

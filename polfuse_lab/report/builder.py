@@ -23,6 +23,8 @@ from polfuse_lab.report.text import Number, size_text, value_text
 class Picture:
     """One figure of the page."""
 
+    name: str
+    """For a file name."""
     title: str
     caption: str
     png: bytes

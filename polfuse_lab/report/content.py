@@ -40,10 +40,10 @@ def stage_pictures(products: Products) -> list[Picture]:
     return [item for name in products.stages() if name in _PICTURES for item in _PICTURES[name](products)]
 
 
-def _picture(title: str, caption: str, figure: Figure) -> Picture:
+def _picture(name: str, title: str, caption: str, figure: Figure) -> Picture:
     stream = io.BytesIO()
     figure.savefig(stream, format="png", metadata={"Software": None})
-    return Picture(title, caption, stream.getvalue())
+    return Picture(name, title, caption, stream.getvalue())
 
 
 def _optics_numbers(products: Products) -> list[Number]:
@@ -84,7 +84,7 @@ def _optics_pictures(products: Products) -> list[Picture]:
         "Stokes parameters of the polarizer series in the camera's frame, the degree of linear polarization without "
         "its noise bias, the angle of polarization from horizontal, and why pixels are masked (grey)."
     )
-    return [_picture("Light", caption, optics_figure(image, series_of(products.settings("optics"))))]
+    return [_picture("optics", "Light", caption, optics_figure(image, series_of(products.settings("optics"))))]
 
 
 def _calibration_numbers(products: Products) -> list[Number]:

@@ -59,6 +59,7 @@ def locate_target(
     radius_m: float,
     reference: int = 0,
     min_snr_db: float = 10.0,
+    gain: ArrayLike = 1.0,
 ) -> TargetPeak:
     """Find the brightest local maximum near the stated place of a target.
 
@@ -74,6 +75,8 @@ def locate_target(
         radius_m: how far from there the peak may be, m.
         reference: index of the channel in which to look.
         min_snr_db: smallest peak over background, dB.
+        gain: amplitude gain that the image contains and that changes over a main lobe, broadcast to (ny, nx); the peak
+            is looked for without it (see :func:`processing.sar.quality.range_gain`).
 
     Raises:
         DataError: the place is outside the image, there is no local maximum near it, or it is too weak.
@@ -87,7 +90,8 @@ def locate_target(
             f"y {y[0]:.2f} to {y[-1]:.2f} m)",
             "give its x along the rail and its ground range y, or focus a larger grid",
         )
-    power = np.abs(values[reference].astype(np.complex128)) ** 2
+    amplification = np.broadcast_to(np.asarray(gain, dtype=np.float64), values.shape[1:])
+    power = np.abs(values[reference].astype(np.complex128) / amplification) ** 2
     background = background_power(values[reference])
     filled = np.where(np.isfinite(power), power, -np.inf)
     peaks = _local_maxima(filled) & (np.hypot(x[None, :] - at[0], y[:, None] - at[1]) <= radius_m)
@@ -97,16 +101,18 @@ def locate_target(
             "check the place against the focused picture, or allow a larger search radius",
         )
     row, column = (int(i) for i in np.unravel_index(np.argmax(np.where(peaks, filled, -np.inf)), filled.shape))
-    dx, gain_x = _parabola(filled[row, column - 1 : column + 2])
-    dy, gain_y = _parabola(filled[row - 1 : row + 2, column])
-    gain = gain_x * gain_y
+    dx, rise_x = _parabola(filled[row, column - 1 : column + 2])
+    dy, rise_y = _parabola(filled[row - 1 : row + 2, column])
+    slope_y, slope_x = (np.gradient(amplification, axis=axis)[row, column] for axis in (0, 1))
+    at_peak = amplification[row, column] + dx * slope_x + dy * slope_y
+    rise = rise_x * rise_y * (at_peak / amplification[row, column]) ** 2
     peak = TargetPeak(
         row=row,
         column=column,
         x_m=float(x[column] + dx * (x[1] - x[0])),
         y_m=float(y[row] + dy * (y[1] - y[0])),
-        values=values[:, row, column].astype(np.complex128) * np.sqrt(gain),
-        power=float(power[row, column] * gain),
+        values=values[:, row, column].astype(np.complex128) * np.sqrt(rise),
+        power=float(power[row, column] * amplification[row, column] ** 2 * rise),
         background=background,
     )
     if not np.isfinite(peak.values).all():

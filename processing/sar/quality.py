@@ -102,6 +102,29 @@ def _turn(later: NDArray[np.complex128], earlier: NDArray[np.complex128]) -> flo
     return float(np.angle(np.sum(later * np.conj(earlier)))) if later.size else 0.0
 
 
+def range_gain(x_m: ArrayLike, y_m: ArrayLike, z_m: float) -> NDArray[np.float64]:
+    """R^2 from the aperture's centre, m^2: what range compensation multiplies an image by.
+
+    Over a main lobe that is metres deep this gain is anything but constant: it pulls the maximum outward by about
+    2 s^2 / R (s the lobe's standard deviation; 0.6 m at 8.7 m for 80 MHz and a Hann window) and makes it too strong.
+    Maxima are therefore looked for without it, and their amplitude is multiplied by it at their place.
+    """
+    x, y = np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
+    return np.asarray(x**2 + y**2 + z_m**2)
+
+
+def _without_gain(
+    image: NDArray[np.complexfloating], grid: ImageGrid, range_compensated: bool
+) -> NDArray[np.complexfloating]:
+    return image / range_gain(grid.x_m, grid.y_m[:, None], grid.z_m) if range_compensated else image
+
+
+def _with_gain(peak: Peak, grid: ImageGrid, range_compensated: bool) -> Peak:
+    if not range_compensated:
+        return peak
+    return Peak(peak.x_m, peak.y_m, peak.value * float(range_gain(peak.x_m, peak.y_m, grid.z_m)))
+
+
 def refine_peak(image: NDArray[np.complexfloating], grid: ImageGrid, row: int, column: int) -> Peak:
     """The maximum of the interpolated magnitude nearest to a pixel that exceeds its neighbours.
 
@@ -133,6 +156,7 @@ def find_peaks(
     *,
     floor_db: float = -40.0,
     separation_m: tuple[float, float] = (1.0, 2.0),
+    range_compensated: bool = False,
 ) -> list[Peak]:
     """Strongest local maxima, strongest first.
 
@@ -142,13 +166,17 @@ def find_peaks(
         count: at most so many.
         floor_db: weakest peak, relative to the strongest.
         separation_m: of two maxima closer than this in x and in y only the stronger counts (its side lobes else would).
+        range_compensated: whether amplitudes were multiplied by R^2, see :func:`range_gain`.
 
     Raises:
         DataError: image and grid disagree.
     """
     if image.shape != grid.shape:
         raise DataError(f"an image of shape {image.shape} does not fit a grid of {grid.shape}", "give one channel")
-    level = np.where(np.isfinite(image), np.abs(image), -1.0)
+    flat = _without_gain(image, grid, range_compensated)
+    level = np.where(np.isfinite(flat), np.abs(flat), -1.0)
+    # Strongest by the image's own level, where by that without the gain.
+    shown = np.where(np.isfinite(image), np.abs(image), -1.0)
     padded = np.pad(level, 1, constant_values=-1.0)
     around = np.max(
         [
@@ -160,23 +188,29 @@ def find_peaks(
         axis=0,
     )
     rows, columns = np.nonzero((level >= around) & (level > 0))
-    order = np.argsort(-level[rows, columns], kind="stable")
+    order = np.argsort(-shown[rows, columns], kind="stable")
     found: list[Peak] = []
     places: list[tuple[float, float]] = []
     for index in order:
         row, column = int(rows[index]), int(columns[index])
-        if len(found) == count or (found and level[row, column] < abs(found[0].value) * 10 ** (floor_db / 20)):
+        if len(found) == count or (found and shown[row, column] < abs(found[0].value) * 10 ** (floor_db / 20)):
             break
         x, y = float(grid.x_m[column]), float(grid.y_m[row])
         if any(abs(x - px) < separation_m[0] and abs(y - py) < separation_m[1] for px, py in places):
             continue
-        found.append(refine_peak(image, grid, row, column))
+        found.append(_with_gain(refine_peak(flat, grid, row, column), grid, range_compensated))
         places.append((x, y))
     return found
 
 
 def point_response(
-    image: NDArray[np.complexfloating], grid: ImageGrid, x_m: float, y_m: float, *, reach_m: tuple[float, float]
+    image: NDArray[np.complexfloating],
+    grid: ImageGrid,
+    x_m: float,
+    y_m: float,
+    *,
+    reach_m: tuple[float, float],
+    range_compensated: bool = False,
 ) -> PointResponse:
     """Peak nearest to a place and its cuts along x and y.
 
@@ -186,10 +220,12 @@ def point_response(
         x_m: about where the peak is; the largest pixel within half of ``reach_m`` is taken.
         y_m: likewise.
         reach_m: how far the cuts go to either side, in x and in y.
+        range_compensated: whether amplitudes were multiplied by R^2, see :func:`range_gain`; the cuts are without it.
 
     Raises:
         DataError: nothing is defined around that place.
     """
+    image = _without_gain(image, grid, range_compensated)
     near = (np.abs(grid.y_m - y_m)[:, None] <= reach_m[1] / 2) & (np.abs(grid.x_m - x_m)[None, :] <= reach_m[0] / 2)
     level = np.where(near & np.isfinite(image), np.abs(image), 0.0)
     if not level.any():
@@ -204,7 +240,7 @@ def point_response(
         columns = at[0] + (away if axis == 0 else 0 * away)
         rows = at[1] + (away if axis == 1 else 0 * away)
         cuts.append(measure_cut(np.abs(value_between(image, rows, columns)), step / 16))
-    return PointResponse(peak, cuts[0], cuts[1])
+    return PointResponse(_with_gain(peak, grid, range_compensated), cuts[0], cuts[1])
 
 
 def measure_cut(magnitude: NDArray[np.floating], step_m: float) -> Cut:

@@ -63,7 +63,9 @@ def range_profiles(scene, receive, transmit, *, noise=0.0, seed=0, antenna_m=Non
         envelope = hann_envelope((range_m[None, :] - distance[:, None]) / resolution)
         for c, name in enumerate(CHANNELS):
             element = m[:, "HV".index(name[1]), "HV".index(name[0])]
-            values[c, p] = AMPLITUDE * np.sum((element * phase)[:, None] * envelope, axis=0)
+            echoes = np.sum((element * phase / distance**2)[:, None] * envelope, axis=0)
+            # Compensated bin by bin, as from a recording: each bin by its own range.
+            values[c, p] = AMPLITUDE * echoes * range_m**2
     random = np.random.default_rng(seed)
     white = random.normal(size=(2, *values.shape)) * noise / np.sqrt(2)
     values += (white[0] + 1j * white[1]) * range_m**2
