@@ -53,7 +53,7 @@ class TrackSettings:
     """Fastest range rate looked for, m/s."""
     min_speed_m_s: float = 0.4
     """Slower stretches are not reported: what the background leaves behind stands still, m/s."""
-    min_duration_s: float = 0.6
+    min_duration_s: float = 0.8
     """Shortest stretch, s; stretches within one resolution cell are not reported either."""
     background_s: float = 1.0
     """Length of the sliding mean that is removed, s."""
@@ -98,6 +98,7 @@ def find_tracks(
     background = _background_sweeps(settings, period, count)
     moving = remove_background(profiles, background)
     level_db = noise_normalised_db(moving)
+    power = np.abs(moving) ** 2
     score = _score(level_db, range_m, settings, resolution_m)
     shortest = max(int(np.ceil(settings.min_duration_s / period)), 4)
     speeds = _speeds(range_m[1] - range_m[0], period, settings.max_speed_m_s, resolution_m)
@@ -107,7 +108,7 @@ def find_tracks(
         if path.total < _LEAST_TOTAL_DB or len(path.rows) < shortest:
             break
         rows, columns = _best_section(score, path.rows, path.columns, shortest)
-        positions = _refine(level_db, range_m, columns, rows, resolution_m)
+        positions = _refine(power, range_m, columns, rows, resolution_m)
         for first, last in breaks(
             time_s[rows], positions, sd=resolution_m / 2, penalty=_BREAK_PENALTY, shortest=shortest
         ):
@@ -169,20 +170,23 @@ def _speeds(step_m: float, period_s: float, max_speed_m_s: float, resolution_m: 
 
 
 def _refine(
-    level_db: NDArray[np.float64],
+    power: NDArray[np.float64],
     range_m: NDArray[np.float64],
     columns: NDArray[np.intp],
     rows: NDArray[np.intp],
     resolution_m: float,
 ) -> NDArray[np.float64]:
-    """Centroid of the power within one resolution cell on either side of the path, then of the centroid, m."""
+    """Centroid of the power within one resolution cell on either side of the path, then of the centroid, m.
+
+    Of the power itself: levels over the noise lean to ranges in which a slow target has not stood for long.
+    """
     step = range_m[1] - range_m[0]
     reach = max(int(np.ceil(resolution_m / step)), 1)
     centre = columns
     for _ in range(3):
         index = np.clip(centre[:, None] + np.arange(-reach, reach + 1), 0, len(range_m) - 1)
-        power = 10 ** (level_db[rows[:, None], index] / 10)
-        centroid: NDArray[np.float64] = (power * range_m[index]).sum(axis=1) / power.sum(axis=1)
+        weight = power[rows[:, None], index]
+        centroid: NDArray[np.float64] = (weight * range_m[index]).sum(axis=1) / weight.sum(axis=1)
         centre = np.clip(np.round((centroid - range_m[0]) / step).astype(np.intp), columns - reach, columns + reach)
     return centroid
 

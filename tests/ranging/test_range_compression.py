@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from made_recordings import C, Point, recording
 
 from processing.errors import DataError
+from processing.radar.beat import TriangleFm, beat, sync
 from processing.radar.ranging import (
     WINDOWS,
     Sweeps,
@@ -147,8 +148,7 @@ def test_a_record_has_the_same_profile_bits_wherever_it_starts(dtype):
     profiles = []
     for start in (100.0, 100.0 + 960.5, 100.0 - 1920.5, 140.0):
         samples, _, _ = recording(points, seconds=0.3, start=start, dtype=dtype)
-        sync = find_sync(samples, RATE)
-        sweeps = cut_sweeps(samples, sync, count=4, ramp_samples=960.25)
+        sweeps = cut_sweeps(samples, find_sync(samples, RATE), count=4, ramp_samples=960.25)
         profiles.append(average(compress(sweeps, AXIS, **WAVEFORM)))
     # starts at 100.0 and 100.0 - 1920.5 see halves in the other order; 140.0 sees other samples of the same sweeps.
     assert profiles[0].tobytes() == profiles[2].tobytes()
@@ -186,16 +186,16 @@ def test_moving_a_target_moves_its_envelope_and_turns_its_phase(away):
 
 def test_cutting_takes_whole_ramps_only_and_counts_them():
     samples, starts, ends = recording([Point(20.0)], dtype=np.int16)
-    sync = find_sync(samples, RATE)
-    sweeps = cut_sweeps(samples, sync)
+    clock = find_sync(samples, RATE)
+    sweeps = cut_sweeps(samples, clock)
     inside = (starts > 24) & (ends < len(samples) - 24)
     assert len(sweeps.beat) == inside.sum()
     assert ((sweeps.first >= 0) & (sweeps.first < 1)).all()
     index = int(np.ceil(starts[inside][1]))
     assert np.array_equal(sweeps.beat[1], samples[index : index + 961, 0] / 32_768)
-    assert len(cut_sweeps(samples, sync, count=3).beat) == 3
+    assert len(cut_sweeps(samples, clock, count=3).beat) == 3
     with pytest.raises(DataError, match="100 wanted"):
-        cut_sweeps(samples, sync, count=100)
+        cut_sweeps(samples, clock, count=100)
 
 
 def test_windows_have_their_side_lobes():
@@ -237,3 +237,19 @@ def test_coupling_is_removed_and_undefined_positions_stay_undefined():
     assert np.isnan(result[1, 2]).all()
     assert np.isfinite(np.delete(result, 2, axis=1)).all()
     assert np.allclose(result[0], targets[0])
+
+
+def test_the_simulators_beat_and_sync_come_back_as_range_profile():
+    # The project's own model of the beat, written apart from this: same amplitude, phase and place.
+    fm = TriangleFm(CENTRE, BANDWIDTH, RAMP / RATE, 1920.5 / RATE)
+    since = ((np.arange(12_000) - 77.3) % 1920.5) / RATE
+    frequency, slope = fm.frequency(since)
+    place, scattering = np.array([[3.0, 20.0, -1.0]]), np.array([0.6 * np.exp(0.9j)])
+    range_m = float(np.linalg.norm(place))
+    voltage = beat(frequency, slope, np.zeros(3), place, scattering)
+    samples = np.stack([voltage, sync(fm, since, 3 / RATE)], axis=1)
+    sweeps = cut_sweeps(samples, find_sync(samples, RATE))
+    values = compress_reference(sweeps, np.array([range_m]), **WAVEFORM)[:, 0]
+    expected = scattering[0] / range_m**2 * np.exp(-4j * np.pi * CENTRE * range_m / C)
+    # The mirror image (3e-5 here), and instants to 2^-17 sample, a phase of 5e-7.
+    assert np.abs(values / expected - 1).max() < leakage("hann", range_m) + 1e-6
