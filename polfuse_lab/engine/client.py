@@ -128,7 +128,8 @@ class EngineClient:
             self.finished = newest
             with contextlib.suppress(zmq.ZMQError):
                 self._send(protocol.Detach())
-        if newest is None and self._lost():
+        if newest is None and self._lost() and not self._socket.poll(300):
+            # Its last word would have arrived by now.
             raise PolfuseError(
                 "the engine's process ended unexpectedly",
                 where="engine",

@@ -11,9 +11,9 @@ import tempfile
 from pathlib import Path
 
 import msgspec
-import platformdirs
 
 from polfuse_lab.engine import protocol
+from polfuse_lab.errors import PolfuseError
 
 REQUEST = "request"
 ADDRESS = "address.json"
@@ -25,17 +25,19 @@ _SOCKET_PATH_BYTES = 100
 
 
 def root() -> Path:
-    """Folder of all engines of this user, made with mode 0700."""
-    base = Path(platformdirs.user_runtime_dir("polfuse-lab", ensure_exists=False))
-    try:
-        base.mkdir(parents=True, exist_ok=True, mode=0o700)
-    except OSError:
+    """Folder of all engines of this user, made with mode 0700. Raises :class:`PolfuseError` where it is another's."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
+    if runtime and os.access(runtime, os.W_OK):
+        base = Path(runtime) / "polfuse-lab"
+    else:
         base = Path(tempfile.gettempdir()) / f"polfuse-lab-{_user()}"
-        base.mkdir(exist_ok=True, mode=0o700)
+    base.mkdir(exist_ok=True, mode=0o700)
     if os.name == "posix":
-        about = base.stat()
-        if about.st_uid != os.getuid():
-            raise PermissionError(f"{base} belongs to another user")
+        about = base.lstat()
+        if not stat.S_ISDIR(about.st_mode) or about.st_uid != os.getuid():
+            raise PolfuseError(
+                "is not a directory of this user", where=str(base), advice="remove it, or set XDG_RUNTIME_DIR"
+            )
         if stat.S_IMODE(about.st_mode) & 0o077:
             base.chmod(0o700)
     return base

@@ -36,6 +36,8 @@ class Server:
         self._scheduler = scheduler
         self._live = live
         self._clients: dict[bytes, _Client] = {}
+        self._met = False
+        """Whether any client has ever attached: a run may end before the one that started it gets to the socket."""
         self._outcome: Outcome | None = None
         self._changed = threading.Event()
         self._context = zmq.Context()
@@ -72,7 +74,7 @@ class Server:
                 if finished is None:
                     finished = now
                     self._tell(_finished(self._outcome))
-                if not self._clients or now - finished > LINGER_S:
+                if (self._met and not self._clients) or now - finished > LINGER_S:
                     return
             elif self._changed.is_set() or now - sent > protocol.STATUS_EVERY_S:
                 self._changed.clear()
@@ -106,6 +108,7 @@ class Server:
         elif not hmac.compare_digest(message.token.encode(), self._token.encode()):
             self._send(identity, protocol.Refused("wrong token"))
         else:
+            self._met = True
             self._clients[identity] = _Client(time.monotonic())
             if self._outcome is not None:
                 self._send(identity, _finished(self._outcome))
