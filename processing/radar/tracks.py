@@ -117,7 +117,9 @@ def find_tracks(
                 moving, level_db, time_s, range_m, rows[piece], positions[piece], wavelength_m, period, background
             )
             slowest = max(settings.min_speed_m_s, 3 * track.speed_sd_m_s)
-            if abs(track.speed_m_s) >= slowest and abs(track.r1_m - track.r0_m) >= resolution_m:
+            # A stretch whose line runs through noise is a path's leap from one target to another.
+            seen = track.snr_db >= _SCORE_BIAS_DB
+            if seen and abs(track.speed_m_s) >= slowest and abs(track.r1_m - track.r0_m) >= resolution_m:
                 tracks.append(track)
         _erase(score, level_db, rows, columns, resolution_m / (range_m[1] - range_m[0]), shortest)
     return sorted(tracks, key=lambda track: -track.snr_db * len(track.sweeps))
