@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from processing.errors import DataError
+from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 from processing.sar.grid import ImageGrid
 from processing.sar.interpolation import sinc_weights
 
@@ -59,16 +60,49 @@ class PointResponse:
     y: Cut
 
 
-def value_between(image: NDArray[np.complexfloating], row: ArrayLike, column: ArrayLike) -> NDArray[np.complex128]:
+@dataclass(frozen=True)
+class Carrier:
+    """Where a focused image's phase comes from: the waves that the aperture's centre sees."""
+
+    antenna_m: tuple[float, float, float]
+    """Centre of the aperture."""
+    centre_hz: float
+
+    def turns(self, grid: ImageGrid, row: float, column: float) -> tuple[float, float]:
+        """Phase that the image gains from one pixel to the next, rad, along rows (y) and along columns (x)."""
+        x = np.interp(column, np.arange(len(grid.x_m)), grid.x_m)
+        y = np.interp(row, np.arange(len(grid.y_m)), grid.y_m)
+        sight = np.array([x, y, grid.z_m]) - self.antenna_m
+        k = 4 * np.pi * self.centre_hz / SPEED_OF_LIGHT_M_S * sight / np.linalg.norm(sight)
+        dx, dy = (float(axis[1] - axis[0]) if len(axis) > 1 else 0.0 for axis in (grid.x_m, grid.y_m))
+        return float(k[1] * dy), float(k[0] * dx)
+
+
+def carrier_of(antenna_m: NDArray[np.float64], centre_hz: float) -> Carrier:
+    """Carrier of the image that a track (positions, 3) makes."""
+    x, y, z = (float(value) for value in np.mean(antenna_m, axis=0))
+    return Carrier((x, y, z), centre_hz)
+
+
+def value_between(
+    image: NDArray[np.complexfloating],
+    row: ArrayLike,
+    column: ArrayLike,
+    *,
+    turns: tuple[float, float] | None = None,
+) -> NDArray[np.complex128]:
     """Complex values at fractional rows and columns, by a separable Kaiser-windowed sinc of eight taps.
 
-    A focused image carries phase that turns fast from pixel to pixel; the mean turn around each place is taken off
-    before and put back after interpolation.
+    A focused image carries phase that turns fast, by several turns from pixel to pixel. The mean turn around each
+    place is taken off before and put back after interpolation; the pixels tell it but for whole turns, which
+    ``turns`` settles.
 
     Args:
         image: (ny, nx) complex, at least ``SAMPLING`` pixels per resolution cell.
         row: fractional row indices, any shape.
         column: fractional column indices, same shape.
+        turns: expected phase from one row and from one column to the next, rad (:meth:`Carrier.turns`). Without it
+            magnitudes are right, but phases between pixels may be off by fractions of whole turns.
 
     Returns:
         Same shape; NaN where one of the pixels needed is undefined or outside the image.
@@ -76,11 +110,13 @@ def value_between(image: NDArray[np.complexfloating], row: ArrayLike, column: Ar
     rows, columns = np.broadcast_arrays(np.asarray(row, np.float64), np.asarray(column, np.float64))
     values = np.full(rows.shape, complex(np.nan, np.nan))
     for place in np.ndindex(rows.shape):
-        values[place] = _value_at(image, float(rows[place]), float(columns[place]))
+        values[place] = _value_at(image, float(rows[place]), float(columns[place]), turns)
     return values
 
 
-def _value_at(image: NDArray[np.complexfloating], row: float, column: float) -> complex:
+def _value_at(
+    image: NDArray[np.complexfloating], row: float, column: float, turns: tuple[float, float] | None = None
+) -> complex:
     if not (np.isfinite(row) and np.isfinite(column)):
         return complex(np.nan, np.nan)
     y0, x0 = int(np.floor(row)), int(np.floor(column))
@@ -94,6 +130,9 @@ def _value_at(image: NDArray[np.complexfloating], row: float, column: float) -> 
     chip = image[np.ix_(ys[use_y], xs[use_x])].astype(np.complex128)
     turn_y = _turn(chip[1:], chip[:-1])
     turn_x = _turn(chip[:, 1:], chip[:, :-1])
+    if turns is not None:
+        turn_y += 2 * np.pi * round((turns[0] - turn_y) / (2 * np.pi))
+        turn_x += 2 * np.pi * round((turns[1] - turn_x) / (2 * np.pi))
     carrier = np.exp(-1j * (turn_y * (ys[use_y] - row)[:, None] + turn_x * (xs[use_x] - column)[None, :]))
     return complex(wy[use_y] @ (chip * carrier) @ wx[use_x])
 
@@ -125,10 +164,13 @@ def _with_gain(peak: Peak, grid: ImageGrid, range_compensated: bool) -> Peak:
     return Peak(peak.x_m, peak.y_m, peak.value * float(range_gain(peak.x_m, peak.y_m, grid.z_m)))
 
 
-def refine_peak(image: NDArray[np.complexfloating], grid: ImageGrid, row: int, column: int) -> Peak:
+def refine_peak(
+    image: NDArray[np.complexfloating], grid: ImageGrid, row: int, column: int, carrier: Carrier | None = None
+) -> Peak:
     """The maximum of the interpolated magnitude nearest to a pixel that exceeds its neighbours.
 
-    Nearer than four pixels to an edge or to undefined pixels the pixel itself is returned.
+    With ``carrier`` the value has its true phase. Nearer than four pixels to an edge or to undefined pixels the pixel
+    itself is returned.
     """
     best_row, best_column = float(row), float(column)
     best = abs(_value_at(image, best_row, best_column))
@@ -146,7 +188,8 @@ def refine_peak(image: NDArray[np.complexfloating], grid: ImageGrid, row: int, c
             step /= 2
     x = np.interp(best_column, np.arange(len(grid.x_m)), grid.x_m)
     y = np.interp(best_row, np.arange(len(grid.y_m)), grid.y_m)
-    return Peak(float(x), float(y), _value_at(image, best_row, best_column))
+    turns = None if carrier is None else carrier.turns(grid, best_row, best_column)
+    return Peak(float(x), float(y), _value_at(image, best_row, best_column, turns))
 
 
 def find_peaks(
@@ -157,6 +200,7 @@ def find_peaks(
     floor_db: float = -40.0,
     separation_m: tuple[float, float] = (1.0, 2.0),
     range_compensated: bool = False,
+    carrier: Carrier | None = None,
 ) -> list[Peak]:
     """Strongest local maxima, strongest first.
 
@@ -167,6 +211,7 @@ def find_peaks(
         floor_db: weakest peak, relative to the strongest.
         separation_m: of two maxima closer than this in x and in y only the stronger counts (its side lobes else would).
         range_compensated: whether amplitudes were multiplied by R^2, see :func:`range_gain`.
+        carrier: of the image, for the peaks' phases; without it phases between pixels mean nothing.
 
     Raises:
         DataError: image and grid disagree.
@@ -198,7 +243,7 @@ def find_peaks(
         x, y = float(grid.x_m[column]), float(grid.y_m[row])
         if any(abs(x - px) < separation_m[0] and abs(y - py) < separation_m[1] for px, py in places):
             continue
-        found.append(_with_gain(refine_peak(flat, grid, row, column), grid, range_compensated))
+        found.append(_with_gain(refine_peak(flat, grid, row, column, carrier), grid, range_compensated))
         places.append((x, y))
     return found
 
@@ -211,6 +256,7 @@ def point_response(
     *,
     reach_m: tuple[float, float],
     range_compensated: bool = False,
+    carrier: Carrier | None = None,
 ) -> PointResponse:
     """Peak nearest to a place and its cuts along x and y.
 
@@ -221,6 +267,7 @@ def point_response(
         y_m: likewise.
         reach_m: how far the cuts go to either side, in x and in y.
         range_compensated: whether amplitudes were multiplied by R^2, see :func:`range_gain`; the cuts are without it.
+        carrier: of the image, for the peak's phase.
 
     Raises:
         DataError: nothing is defined around that place.
@@ -231,7 +278,7 @@ def point_response(
     if not level.any():
         raise DataError(f"nothing is defined around x = {x_m:g} m, y = {y_m:g} m", "ask for a place in the image")
     row, column = np.unravel_index(int(level.argmax()), level.shape)
-    peak = refine_peak(image, grid, int(row), int(column))
+    peak = refine_peak(image, grid, int(row), int(column), carrier)
     steps = [abs(float(axis[1] - axis[0])) for axis in (grid.x_m, grid.y_m)]
     at = [float(np.interp(p, axis, np.arange(len(axis)))) for p, axis in ((peak.x_m, grid.x_m), (peak.y_m, grid.y_m))]
     cuts = []

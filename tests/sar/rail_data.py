@@ -65,7 +65,7 @@ def hann(part):
 
 
 def sinc_profiles(targets, antenna, amplitudes, *, oversampling=8, last_m=40.0, gains=None):
-    """Continuous-spectrum profiles: ``sum a sinc((r - R) / cell) exp(-j k0 R)``, one channel for each row of amplitudes."""
+    """Of a continuous spectrum: ``sum a sinc((r - R) / cell) exp(-j k0 R)``, one channel for each row of amplitudes."""
     step = CELL_M / oversampling
     r = step * np.arange(-8 * oversampling, int(last_m / step))
     amplitudes = np.atleast_2d(amplitudes)

@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rail_data import BANDWIDTH_HZ, CELL_M, CENTRE_HZ, C, Frequencies, distances, ground, rail, relative_db, sinc_profiles
+from rail_data import (
+    BANDWIDTH_HZ,
+    CELL_M,
+    CENTRE_HZ,
+    C,
+    Frequencies,
+    distances,
+    ground,
+    rail,
+    relative_db,
+    sinc_profiles,
+)
 
 from processing.errors import DataError
 from processing.radar.profiles import RangeProfiles
@@ -217,7 +228,7 @@ def test_focusing_is_linear(a, b, seed):
 def test_moving_rail_and_target_along_x_moves_the_image(shift, x):
     antenna = rail(21)
     here = sinc_profiles([(x, 9.0, -1.0)], antenna, [[1.0]])
-    moved = replace(here, antenna_m=antenna + [shift, 0, 0])
+    moved = replace(here, antenna_m=antenna + np.array([shift, 0, 0]))
     columns = np.linspace(-2, 5, 15)
     a = backproject(here, ground(columns, [8.0, 9.0]))
     b = backproject(moved, ground(columns + shift, [8.0, 9.0]))
@@ -247,7 +258,10 @@ def bad(**changes):
         (lambda: bad(antenna_m=np.zeros((4, 3))), "antenna places"),
         (lambda: bad(antenna_m=np.full((5, 3), np.nan)), "antenna places"),
         (lambda: bad(range_m=bad().range_m[::-1]), "range axis"),
-        (lambda: bad(range_m=np.sort(np.abs(bad().range_m) ** 1.5) + 0.01 * np.arange(len(bad().range_m))), "not uniform"),
+        (
+            lambda: bad(range_m=np.sort(np.abs(bad().range_m) ** 1.5) + 0.01 * np.arange(len(bad().range_m))),
+            "not uniform",
+        ),
         (lambda: bad(values=np.full_like(bad().values, np.inf)), "infinite"),
         (lambda: bad(values=np.full_like(bad().values, np.nan)), "no profile"),
         (lambda: bad(values=bad().values[..., :6], range_m=bad().range_m[:6]), "fewer than"),
