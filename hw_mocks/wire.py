@@ -1,13 +1,14 @@
 """A simulated device's end of a serial line: a pseudo-terminal where there is one, else TCP on loopback.
 
 A device is an object with ``handle`` and ``due_s`` (:class:`Handler`); :func:`serve` runs it in a thread of its own
-behind an address that ``serial.serial_for_url`` opens. Clients may come and go; :meth:`Wire.unplug` and
-:attr:`Wire.filter` make the faults that drivers must survive.
+behind an address that ``serial.serial_for_url`` opens. Clients may come and go; :attr:`Wire.faults` (scripted or by
+hand), :meth:`Wire.unplug` and :attr:`Wire.filter` make the faults that drivers must survive.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import select
 import shutil
@@ -19,6 +20,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal, Protocol
 
+from hw_mocks.faults import FaultScript
+from hw_mocks.line_faults import LineFaults
+
 try:
     import pty
     import tty
@@ -27,12 +31,18 @@ except ImportError:  # Windows has no pseudo-terminals.
 else:
     HAS_PTY = True
 
+_TICK_S = 0.05
+
 Kind = Literal["pty", "tcp"]
 Filter = Callable[[bytes], bytes]
 
 
 class Handler(Protocol):
-    """A device behind a wire. Both methods are called from the wire's thread only."""
+    """A device behind a wire. Both methods are called from the wire's thread only.
+
+    A device with faults of its own (a switch that sticks) keeps a :class:`~hw_mocks.faults.FaultScript` in its
+    attribute ``faults``; its line obeys the same script.
+    """
 
     def handle(self, received: bytes) -> bytes:
         """React to ``received`` (empty: only time has passed) and return what is sent."""
@@ -49,6 +59,10 @@ class Wire:
         """Applied to all outgoing bytes (for faults): return what is really sent."""
         self.handler = handler
         """The device behind the line."""
+        self.faults: FaultScript = getattr(handler, "faults", None) or FaultScript()
+        """Faults of the line and of its device."""
+        self._line_faults = LineFaults(self.faults)
+        self._cut = False
         self._plug: _PtyPlug | _TcpPlug = _PtyPlug() if kind == "pty" else _TcpPlug()
         self._wake_receive, self._wake_send = socket.socketpair()
         self._lock = threading.Lock()
@@ -97,7 +111,7 @@ class Wire:
 
     def _run(self) -> None:
         while not self._closing:
-            due_s = self.handler.due_s()
+            due_s = self._due_s()
             with self._lock:
                 sources = self._plug.sources()
             # Another thread may unplug while we wait; select then says EBADF and the sources are asked for again.
@@ -107,11 +121,30 @@ class Wire:
                     self._wake_receive.recv(64)
             with self._lock:
                 received = self._plug.read()
-            answer = self.handler.handle(received)
+            answer = self._line_faults.transmit(self.handler.handle(received), time.monotonic_ns())
             if answer and self.filter is not None:
                 answer = self.filter(answer)
             with self._lock:
                 self._plug.write(answer)
+            self._follow_cable()
+
+    def _due_s(self) -> float | None:
+        """Seconds until the device or a fault wants attention; a fault started by hand is seen within a tick."""
+        now_ns = time.monotonic_ns()
+        change_ns = self._line_faults.due_ns(now_ns)
+        due = [self.handler.due_s(), None if change_ns is None else seconds_until(change_ns), _TICK_S]
+        return min(s for s in due if s is not None)
+
+    def _follow_cable(self) -> None:
+        connected = self._line_faults.connected(time.monotonic_ns())
+        if connected != self._cut:
+            return
+        self._cut = not connected
+        with self._lock:
+            if connected:
+                self._plug.plug()
+            else:
+                self._plug.unplug()
 
 
 def serve(handler: Handler, *, kind: Kind | None = None, name: str = "device") -> Wire:
@@ -195,9 +228,19 @@ class _TcpPlug:
 
     def plug(self) -> None:
         if self._server is None:
-            self._server = socket.create_server(("127.0.0.1", self._port))
+            self._server = self._listen(time.monotonic() + 2.0)
             self._server.setblocking(False)
             self._port = self._server.getsockname()[1]
+
+    def _listen(self, deadline_s: float) -> socket.socket:
+        while True:
+            try:
+                return socket.create_server(("127.0.0.1", self._port))
+            except OSError as error:
+                # A select that still waits on the former socket keeps its port for a moment.
+                if error.errno != errno.EADDRINUSE or time.monotonic() > deadline_s:
+                    raise
+                time.sleep(0.005)
 
     def unplug(self) -> None:
         for end in (self._client, self._server):
