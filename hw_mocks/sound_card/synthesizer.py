@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,17 +70,20 @@ class Synthesizer:
 
     def block(self, first: int, frames: int, t_ns: int) -> Samples:
         """Samples ``first`` to ``first + frames``, the first one taken at host time ``t_ns``; shape (frames, 2)."""
-        offsets_ns = np.rint(np.arange(frames) * (1e9 / self._audio.true_rate_hz)).astype(np.int64)
+        # One sample more: a sample stands if the trolley is still there at the next one. So every sample after a move's
+        # end is a standing one, wherever the block's borders lie.
+        offsets_ns = np.rint(np.arange(frames + 1) * (1e9 / self._audio.true_rate_hz)).astype(np.int64)
         x_m = self._world.trolley_x_m.at_many(t_ns + offsets_ns)
+        stands = x_m[:-1] == x_m[1:]
         within = (first + np.arange(frames)) % self._audio.cycle_samples
         samples = np.empty((frames, 2), dtype=np.int16)
-        for start, stop, transmit, receive in self._routes(t_ns, offsets_ns):
-            part = slice(start, stop)
-            if np.ptp(x_m[part]) == 0:
-                place = round(float(x_m[start]) / POSITION_STEP_M)
-                samples[part] = self._standing(place, transmit, receive)[within[part]]
-            else:
-                samples[part] = self._moving(x_m[part], transmit, receive, within[part])
+        for start, stop, transmit, receive in self._routes(t_ns, offsets_ns[:-1]):
+            for part in _runs(stands, start, stop):
+                if stands[part.start]:
+                    place = round(float(x_m[part.start]) / POSITION_STEP_M)
+                    samples[part] = self._standing(place, transmit, receive)[within[part]]
+                else:
+                    samples[part] = self._moving(x_m[part], transmit, receive, within[part])
         return samples
 
     def _routes(self, t_ns: int, offsets_ns: NDArray[np.int64]) -> Iterator[tuple[int, int, str, str]]:
@@ -172,6 +176,12 @@ def effective_amplitudes(
     gain = front_end.amplitude_at_1m * one_way_gain(cos_angle, beamwidth)
     voltages: NDArray[np.complex128] = gain[:, None, None] * (front_end.receive @ scattering @ front_end.transmit)
     return voltages
+
+
+def _runs(flags: NDArray[np.bool_], start: int, stop: int) -> list[slice]:
+    """Slices of ``start`` to ``stop`` within which a flag does not change."""
+    borders = [start, *(start + 1 + np.flatnonzero(np.diff(flags[start:stop]))).tolist(), stop]
+    return [slice(a, b) for a, b in pairwise(borders)]
 
 
 def _last(changes: list[tuple[int, str]], instant: int) -> str:

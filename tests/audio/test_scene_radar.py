@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
-from conftest import Rig, finish, position_in_cycle, take
+from audio_rig import Rig, finish, position_in_cycle, take
 
 from drivers.contracts import Radar
 from drivers.errors import DeviceBadAnswer, DeviceLost, DeviceRefused, DeviceTimeout

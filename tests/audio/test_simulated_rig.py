@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import need, position_in_cycle, take
+from audio_rig import need, position_in_cycle, take
 
 from drivers import registry
 from drivers.errors import DeviceBadAnswer, DeviceLost, DeviceRefused, DeviceTimeout

@@ -75,6 +75,18 @@ def test_a_moving_trolley_follows_its_track_sample_by_sample() -> None:
         assert samples[n, 0] / 32_767 == pytest.approx(expected, abs=0.51 / 32_767 + 1e-4 * abs(S_POINT[0, 0]) / 82)
 
 
+@given(st.integers(-1, 481), st.integers(0, 20_832))
+def test_every_sample_after_a_move_is_that_of_the_standing_rig(samples: int, fraction_ns: int) -> None:
+    # The move ends anywhere within a block; what follows must not depend on where the block began.
+    world, t0 = World(), 10**12
+    end_ns = t0 + round(samples / 48_000 * 1e9) + fraction_ns
+    world.trolley_x_m.move(0.2, 0.25, end_ns - 10**8, end_ns)
+    block = synthesizer(world, noise=0.02).block(960, 480, t0)
+    standing = synthesizer(at(0.25), noise=0.02).block(960, 480, t0)
+    after = t0 + np.rint(np.arange(480) / 48_000 * 1e9) >= end_ns
+    np.testing.assert_array_equal(block[after], standing[after])
+
+
 def test_a_switch_acts_at_its_own_sample_and_travelling_contacts_pass_nothing() -> None:
     world = at(0.0)
     t0 = 10**12
