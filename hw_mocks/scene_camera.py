@@ -22,13 +22,12 @@ from numpy.typing import NDArray
 from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost
 from drivers.options import checked
 from drivers.records import ClockFix, Frame, Identity
+from hw_mocks.sensor import FULL_SCALE, Sensor, setting_of
 from hw_mocks.world_link import WorldClient
 from processing.errors import DataError
 from processing.optics.analyser import measurement_matrix
 from processing.optics.camera_model import Pinhole
 from processing.scene.optical import stokes_image
-
-_FULL_SCALE = 65_535
 
 
 class SceneCamera:
@@ -64,7 +63,7 @@ class SceneCamera:
         """Photo-electrons for one count."""
         read_noise_counts: Annotated[float, Ge(0)] = 0.0
         """Read noise, counts rms."""
-        saturation_counts: Annotated[int, Gt(0)] = _FULL_SCALE
+        saturation_counts: Annotated[int, Gt(0)] = FULL_SCALE
         """Counts at which the sensor clips."""
         extinction_ratio: Annotated[float, Gt(1)] = 800.0
         """Maximum over minimum transmittance of the polarizer."""
@@ -74,6 +73,12 @@ class SceneCamera:
     def __init__(self, options: Options) -> None:
         self._options = checked(options)
         self._where = f"scene camera ({Path(options.scene_file).name})"
+        self._sensor = Sensor(
+            options.black_level_counts,
+            options.electrons_per_count,
+            options.read_noise_counts,
+            options.saturation_counts,
+        )
         self._world: WorldClient | None = None
         self._counts: NDArray[np.float64] | None = None
         self._opened_ns = 0
@@ -185,22 +190,15 @@ class SceneCamera:
             self._world.close()
             self._world = None
 
-    def _expose(self, angle_rad: float) -> NDArray[np.uint16]:
+    def _expose(self, angle_rad: float) -> NDArray[np.unsignedinteger]:
         """One frame, (rows, columns) uint16, with the noise that belongs to it."""
         options = self._options
         assert self._counts is not None
-        # Whole millidegrees modulo a turn: the same setting gives the same noise whatever the last digits of its angle.
-        setting = round(math.degrees(angle_rad) * 1000) % 360_000
+        setting = setting_of(angle_rad)
         taken = self._taken.get(setting, 0)
         self._taken[setting] = taken + 1
-        random = np.random.default_rng([options.seed, setting, taken])
         row = measurement_matrix([angle_rad], options.extinction_ratio)[0]
-        light = np.maximum(np.tensordot(row, self._counts, axes=1), 0.0)
-        counts = random.poisson(light * options.electrons_per_count) / options.electrons_per_count
-        counts += random.normal(options.black_level_counts, options.read_noise_counts, light.shape)
-        np.rint(counts, out=counts)
-        # Clipped before the conversion: a float beyond the range of uint16 would wrap round.
-        return np.clip(counts, 0, min(options.saturation_counts, _FULL_SCALE), out=counts).astype(np.uint16)
+        return self._sensor.expose(np.tensordot(row, self._counts, axes=1), [options.seed, setting, taken])
 
     def _closed(self) -> DeviceLost:
         return DeviceLost("is not open", where=self._where, advice="open it first")
