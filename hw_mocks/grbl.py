@@ -3,6 +3,8 @@
 Follows the firmware where a driver can see it: ``ok`` when a line is accepted, not when the move is over; up to 15
 planned moves; feed hold (``Hold:1`` while slowing down, then ``Hold:0``; a resume in between is ignored); a soft reset
 in motion is ``ALARM:3``, in a finished hold it is not and keeps the position; ``WCO`` and ``Ov`` only in some reports.
+Faults of its own (counts are moves): ``LOST_STEPS`` (the trolley falls behind by ``amount`` metres in a move and the
+controller, which only counts steps, does not know), ``STALL`` (``Run`` without advancing until it ends).
 Left out: homing (``$22=0``), jogging, arcs, probes and spindle. Speed is constant along a move, with a ramp only into a
 hold.
 """
@@ -14,6 +16,7 @@ import re
 import time
 from collections import deque
 
+from hw_mocks.faults import FaultKind, FaultScript
 from hw_mocks.wire import Kind, Wire, seconds_until, serve
 from hw_mocks.world import World
 
@@ -22,6 +25,7 @@ _LOCKED = "[MSG:'$H'|'$X' to unlock]\r\n"
 _WORD = re.compile(r"([A-Z])([-+]?(?:\d+\.?\d*|\.\d+))")
 _REALTIME = b"?!~\x18"
 _PLANNER_BLOCKS = 15
+_STALLED_NS = 20_000_000
 _LINE_LENGTH = 80
 _MODAL_G = {0.0, 1.0, 20.0, 21.0, 53.0, 90.0, 91.0, 94.0}
 
@@ -54,6 +58,10 @@ class Grbl:
         work_offset_mm: float = 0.0,
         reports_work: bool = False,
     ) -> None:
+        self.faults = FaultScript()
+        """Faults of the controller and its line."""
+        self._begun = 0
+        self._stalled = False
         self._track = world.trolley_x_m
         self._half_m = length_m / 2
         self._origin_m = -self._half_m if origin_m is None else origin_m
@@ -114,7 +122,7 @@ class Grbl:
                 self._alarm()
                 said += "ALARM:1\r\n"
             else:
-                if self._state == "Run":
+                if self._state == "Run" and not self._stalled:
                     self._moves.popleft()
                 self._next_move()
         return said + self._take_lines()
@@ -132,6 +140,13 @@ class Grbl:
         target_mm, self._speed_mm_s = self._moves[0]
         now_ns = time.monotonic_ns()
         start_m = self._track.at(now_ns)
+        self._stalled = self.faults.active(FaultKind.STALL, now_ns, self._begun) is not None
+        if self._stalled:
+            self._state, self._event_ns = "Run", now_ns + _STALLED_NS
+            return
+        if lost := self.faults.active(FaultKind.LOST_STEPS, now_ns, self._begun):
+            self._origin_m -= math.copysign(lost.amount, self._x_m(target_mm) - start_m)
+        self._begun += 1
         end_m = min(max(self._x_m(target_mm), -self._half_m), self._half_m)
         self._event_ns = now_ns + round(abs(end_m - start_m) * 1e12 / self._speed_mm_s) + 1
         self._track.move(start_m, end_m, now_ns, self._event_ns)

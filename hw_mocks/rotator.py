@@ -2,6 +2,9 @@
 
 As on real mounts, a turn that has begun runs to its end (``st`` does not cut it short), every command meanwhile is
 answered with ``GS09`` (busy) and dropped, and the position is sent when the turn is over.
+
+Faults of its own (counts are turns): ``HEAT_ALARM`` (motion is refused with ``GS08``), ``STALL`` (it does not move and
+says ``GS02`` after a second), ``LOST_STEPS`` (it stops ``amount`` radians short of its target; its encoder knows).
 """
 
 from __future__ import annotations
@@ -10,11 +13,13 @@ import math
 import re
 import time
 
+from hw_mocks.faults import FaultKind, FaultScript
 from hw_mocks.wire import Kind, Wire, seconds_until, serve
 from hw_mocks.world import World
 
 _COMMAND = re.compile(rb"[\r\n]*([0-9A-F])(?:(ma|mr)([0-9A-Fa-f]{8})|(ho)([01])|(in|gs|gp|st))")
-_OK, _UNSUPPORTED, _RANGE, _BUSY = 0x00, 0x03, 0x04, 0x09
+_OK, _BLOCKED, _UNSUPPORTED, _RANGE, _HOT, _BUSY = 0x00, 0x02, 0x03, 0x04, 0x08, 0x09
+_BLOCKED_NS = 1_000_000_000
 
 
 class Rotator:
@@ -37,6 +42,10 @@ class Rotator:
         speed_rad_s: float = math.radians(430),
         says_busy: bool = False,
     ) -> None:
+        self.faults = FaultScript()
+        """Faults of the mount and its line."""
+        self._turns = 0
+        self._stalled = False
         self._world = world
         self._address = address.encode()
         self._per_turn = pulses_per_turn
@@ -76,6 +85,9 @@ class Rotator:
         if self._arrives_ns is None or time.monotonic_ns() < self._arrives_ns:
             return b""
         self._arrives_ns = None
+        if self._stalled:
+            self._stalled = False
+            return self._status(_BLOCKED)
         return self._position()
 
     def _obey(self, command: bytes, digits: bytes | None) -> bytes:
@@ -101,6 +113,16 @@ class Rotator:
             return self._status(failure)
         if abs(pulses) > self._per_turn:
             return self._status(_RANGE)
+        turn, self._turns = self._turns, self._turns + 1
+        if self.faults.active(FaultKind.HEAT_ALARM, count=turn):
+            return self._status(_HOT)
+        if self.faults.active(FaultKind.STALL, count=turn):
+            self._stalled = True
+            self._arrives_ns = time.monotonic_ns() + _BLOCKED_NS
+            return b""
+        if lost := self.faults.active(FaultKind.LOST_STEPS, count=turn):
+            short = math.copysign(lost.amount / (2 * math.pi) * self._per_turn, pulses - self._pulses)
+            pulses -= round(short)
         start_rad, end_rad = (2 * math.pi * p / self._per_turn for p in (self._pulses, pulses))
         now_ns = time.monotonic_ns()
         self._arrives_ns = now_ns + round(abs(end_rad - start_rad) / self._speed_rad_s * 1e9) + 1

@@ -3,6 +3,9 @@
 Commands as in the maker's table for standard matrices: ``*IDN?``, ``*OPC?`` (1 done, 0 under way), ``*RST``,
 ``ROUTE:SWITCHx y`` or ``:SWITCHx y``, ``:SWITCHx?``, ``SYST:ERR?``; several in one line are separated by ``;``. The
 route is unknown (255 on the wire, ``"?"`` in the world) while contacts travel.
+
+Fault of its own: ``STUCK_SWITCH`` (``amount`` the switch's number, 0 for all; counts are switchings), contacts stop
+half-way until it ends.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ import re
 import time
 from collections import deque
 
+from hw_mocks.faults import FaultKind, FaultScript
 from hw_mocks.wire import Kind, Wire, seconds_until, serve
 from hw_mocks.world import Steps, World
 
@@ -38,7 +42,7 @@ class _Switch:
         self._route.set("?")
 
     def advance(self) -> None:
-        if self.arrives_ns is not None and time.monotonic_ns() >= self.arrives_ns and not self.jammed:
+        if self.arrives_ns is not None and time.monotonic_ns() >= self.arrives_ns:
             self.position = self.target
             self._route.set("HV"[self.target - 1], self.arrives_ns)
             self.arrives_ns = None
@@ -54,6 +58,9 @@ class SwitchBox:
     """
 
     def __init__(self, world: World, *, actuation_s: float = 0.015, serial_number: str = "SIM0001") -> None:
+        self.faults = FaultScript()
+        """Faults of the unit and its line."""
+        self._switchings = 0
         self._actuation_s = actuation_s
         self._identity = f"DOW-KEY,MS-2T,{serial_number},1.0"
         self._switches = {1: _Switch(world.transmit), 2: _Switch(world.receive)}
@@ -81,12 +88,17 @@ class SwitchBox:
 
     def due_s(self) -> float | None:
         """The world is told when contacts arrive (:class:`hw_mocks.wire.Handler`)."""
-        due = [s.arrives_ns for s in self._switches.values() if s.arrives_ns is not None and not s.jammed]
+        due = [s.arrives_ns for n, s in self._switches.items() if s.arrives_ns is not None and not self._stuck(n)]
         return seconds_until(min(due)) if due else None
 
     def _advance(self) -> None:
-        for switch in self._switches.values():
-            switch.advance()
+        for number, switch in self._switches.items():
+            if not self._stuck(number):
+                switch.advance()
+
+    def _stuck(self, number: int) -> bool:
+        fault = self.faults.active(FaultKind.STUCK_SWITCH, count=self._switchings)
+        return self._switches[number].jammed or (fault is not None and fault.amount in (0, number))
 
     def _obey(self, command: str) -> str:
         if command == "*IDN?":
@@ -112,6 +124,7 @@ class SwitchBox:
         if position not in (1, 2):
             return self._error("-5,POSITION OUT OF RANGE")
         self._switches[number].go(position, self._actuation_s)
+        self._switchings += 1
         return ""
 
     def _error(self, text: str) -> str:

@@ -62,6 +62,8 @@ class GrblTrolley:
         """Time for an answer, s (an Arduino that restarts when its port is opened takes about 2 s more)."""
         move_margin_s: Annotated[float, Gt(0), Le(600)] = 10.0
         """Time that a move may take beyond length over speed, s."""
+        stall_s: Annotated[float, Gt(0), Le(60)] = 1.5
+        """Time without any advance after which a move counts as blocked, s."""
         poll_interval_s: Annotated[float, Gt(0), Le(1)] = 0.05
         """Shortest time between two status questions, s (GRBL wants at most some 10 to 20 a second)."""
         unlock_at_open: bool = False
@@ -79,6 +81,7 @@ class GrblTrolley:
         self._fix: TrolleyFix | None = None
         self._target_m: float | None = None
         self._started_s = self._deadline_s = 0.0
+        self._advanced_s, self._advanced_to_m = 0.0, math.nan
         self._stopping = False
 
     @property
@@ -118,7 +121,8 @@ class GrblTrolley:
             machine_mm = self._options.direction * (x_m - self._origin_m) * 1e3
             self._command(f"G21 G90 G53 G1 {self._options.axis}{machine_mm:z.3f} F{self._feed_m_s * 6e4:.1f}")
             self._target_m = x_m
-            self._started_s = time.monotonic()
+            self._started_s = self._advanced_s = time.monotonic()
+            self._advanced_to_m = math.nan
             self._deadline_s = self._started_s + self._options.length_m / self._feed_m_s + self._options.move_margin_s
             self._fix = None
 
@@ -357,6 +361,16 @@ class GrblTrolley:
                     f"the trolley stands at x = {x_m:.4f} m instead of {target_m:.4f} m",
                     "look for an obstacle or lost power, then move again",
                 )
+        # A hold is somebody's wish; it may last.
+        if x_m != self._advanced_to_m or report.state not in _MOVING:
+            self._advanced_to_m, self._advanced_s = x_m, now_s
+        elif now_s - self._advanced_s > self._options.stall_s:
+            raise DeviceTimeout(
+                f"the trolley has not advanced from x = {x_m:.4f} m for {self._options.stall_s:g} s"
+                f" (state {report.name})",
+                where=self._line.where,
+                advice="look whether it is held, or blocked, and whether the controller waits for something",
+            )
         if now_s > self._deadline_s:
             raise DeviceTimeout(
                 f"the trolley has not arrived at x = {self._target_m:.4f} m (state {report.name})",
