@@ -29,7 +29,7 @@ from polfuse_lab.products.fuse import fuse
 from polfuse_lab.products.optics import optics
 from polfuse_lab.products.store import Products
 from polfuse_lab.report.builder import report
-from polfuse_lab.report.content import stage_pictures
+from polfuse_lab.report.pictures import stage_pictures
 from polfuse_lab.rig import load_rig
 from processing.scene.model import Reflector, Scene
 

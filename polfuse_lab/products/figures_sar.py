@@ -94,7 +94,7 @@ def pauli_figure(focus: Arrays, channels: tuple[str, ...]) -> Figure:
 
 
 def rail_figure(ranging: Arrays, channels: tuple[str, ...]) -> Figure:
-    """Range profiles along the rail, dB below each channel's maximum; positions a channel misses are grey."""
+    """Range profiles along the rail, dB below the strongest channel's maximum; positions a channel misses are grey."""
     profiles, range_m = ranging["profiles"], ranging["range_m"]
     x = ranging["antenna_m"][:, 0]
     columns = min(len(channels), 4)
@@ -103,14 +103,14 @@ def rail_figure(ranging: Arrays, channels: tuple[str, ...]) -> Figure:
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     picture = None
     edges_x, edges_r = _edges(x), _edges(range_m)
+    top = float(np.nanmax(np.abs(profiles))) if np.isfinite(profiles).any() else 0.0
     for index, panel in enumerate(axes.ravel()):
         if index >= len(channels):
             panel.set_visible(False)
             continue
-        values = style.decibels(profiles[index])
-        top = np.nanmax(values) if np.isfinite(values).any() else 0.0
+        values = style.decibels(profiles[index], reference=top or 1.0)
         picture = panel.pcolormesh(
-            edges_x, edges_r, values.T - top, cmap=style.colour_map(style.SEQUENTIAL), vmin=-SPAN_DB, vmax=0.0,
+            edges_x, edges_r, values.T, cmap=style.colour_map(style.SEQUENTIAL), vmin=-SPAN_DB, vmax=0.0,
             rasterized=True,
         )  # fmt: skip
         panel.set_facecolor(style.UNDEFINED)
@@ -119,7 +119,7 @@ def rail_figure(ranging: Arrays, channels: tuple[str, ...]) -> Figure:
         panel.set_ylabel("range [m]")
         panel.label_outer()
     assert picture is not None
-    style.colour_bar(picture, list(axes.ravel()), "dB below the channel's maximum", extend="min")
+    style.colour_bar(picture, list(axes.ravel()), "dB below the maximum", extend="min")
     return figure
 
 

@@ -18,12 +18,14 @@ from polfuse_lab.session import Session, open_session
 from processing.errors import DataError
 from processing.radar.profiles import RangeProfiles
 from processing.sar.aperture import (
+    alias_free_angle_rad,
     aperture_window,
     even_track,
     grating_lobe_warning,
     widest_angle_rad,
 )
 from processing.sar.backprojection import backproject, backproject_reference
+from processing.sar.footprint import ImageFlag, footprint_flags
 from processing.sar.grid import ImageGrid
 from processing.sar.planner import Choice, Task, choose
 from processing.sar.quality import Peak, find_peaks
@@ -140,6 +142,8 @@ def focus(
 ) -> FocusResult:
     """Focus a session and write stages "ranging" and "focus" of a products file.
 
+    Where the pattern is compensated, pixels outside the antennas' half-power beam are NaN; ``flags`` tells why.
+
     Args:
         session: an open session, or its path.
         products_path: file to write to; other stages in it are kept.
@@ -191,7 +195,16 @@ def focus(
     beamwidth = math.radians(rig.geometry.beamwidth_deg) if compensate_pattern else None
     depression = math.radians(rig.geometry.antenna_elevation_deg)
     choice = choose(_task(profiles, grid, oversampling, beamwidth is not None), tolerance_db, method)
-    image = _form(profiles, grid, choice, aperture_window(aperture, len(profiles.antenna_m)), beamwidth, depression)
+    weights = aperture_window(aperture, len(profiles.antenna_m))
+    image = _form(profiles, grid, choice, weights, beamwidth, depression)
+    flags = footprint_flags(
+        grid,
+        beamwidth_rad=beamwidth,
+        depression_rad=depression,
+        alias_free_rad=alias_free_angle_rad(_step(profiles), profiles.wavelength_m),
+        undefined=~np.isfinite(image).all(axis=0),
+    )
+    image[:, (flags & ImageFlag.OUTSIDE_BEAM) != 0] = np.nan
     warnings = _warnings(profiles, grid, choice, tolerance_db)
     settings: dict[str, Any] = {
         "channels": list(profiles.channels),
@@ -203,6 +216,8 @@ def focus(
         "predicted_error_db": choice.predicted_error_db,
         "window": window,
         "aperture_window": aperture,
+        "aperture_weights": weights.tolist(),
+        "flags": {flag.name: flag.value for flag in ImageFlag},
         "oversampling": oversampling,
         "range_compensated": True,
         "beamwidth_rad": beamwidth,
@@ -218,7 +233,7 @@ def focus(
         "bandwidth_hz": profiles.bandwidth_hz,
     }
     inputs = [session.path] if sky is None else [session.path, Path(sky)]
-    _write(Products(products_path), profiles, grid, image, ranging, settings, inputs)
+    _write(Products(products_path), profiles, grid, image, flags, ranging, settings, inputs)
     strongest = _peaks(image, grid, profiles, peaks)
     return FocusResult(
         products=Path(products_path),
@@ -293,10 +308,13 @@ def _form(
     return backproject(profiles, grid, interpolator=choice.interpolator, weights=weights, **pattern)
 
 
+def _step(profiles: RangeProfiles) -> float:
+    return float(np.median(np.diff(np.unique(profiles.antenna_m[:, 0]))))
+
+
 def _warnings(profiles: RangeProfiles, grid: ImageGrid, choice: Choice, tolerance_db: float) -> list[str]:
     found = []
-    step = float(np.median(np.diff(np.unique(profiles.antenna_m[:, 0]))))
-    if lobes := grating_lobe_warning(step, profiles.wavelength_m, profiles.antenna_m, grid):
+    if lobes := grating_lobe_warning(_step(profiles), profiles.wavelength_m, profiles.antenna_m, grid):
         found.append(lobes)
     missing = np.isnan(profiles.values).all(axis=2).sum(axis=1)
     for name, count in zip(profiles.channels, missing, strict=True):
@@ -323,6 +341,7 @@ def _write(
     profiles: RangeProfiles,
     grid: ImageGrid,
     image: NDArray[np.complexfloating],
+    flags: NDArray[np.uint8],
     ranging: dict[str, Any],
     settings: dict[str, Any],
     inputs: list[Path],
@@ -336,8 +355,8 @@ def _write(
     )
     products.write(
         "focus",
-        {"image": image, "x_m": grid.x_m, "y_m": grid.y_m},
+        {"image": image, "flags": flags, "x_m": grid.x_m, "y_m": grid.y_m},
         settings=settings,
         inputs=inputs,
-        units={"image": "full scale * m^2", "x_m": "m", "y_m": "m"},
+        units={"image": "full scale * m^2", "flags": "bits", "x_m": "m", "y_m": "m"},
     )

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -16,23 +14,9 @@ from markupsafe import Markup
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.checks import read_checks
 from polfuse_lab.products.store import Products
-from polfuse_lab.report.text import Number, size_text, value_text
-
-
-@dataclass(frozen=True)
-class Picture:
-    """One figure of the page."""
-
-    name: str
-    """For a file name."""
-    title: str
-    caption: str
-    png: bytes
-
-    @property
-    def data_uri(self) -> str:
-        """The picture as text, so that the page needs no other file."""
-        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
+from polfuse_lab.report.numbers import stage_numbers
+from polfuse_lab.report.pictures import Picture, stage_pictures
+from polfuse_lab.report.text import Number, check_texts, size_text, value_text
 
 
 def report(
@@ -58,8 +42,6 @@ def report(
     Raises:
         PolfuseError: no products file, an empty one, or the page cannot be written.
     """
-    from polfuse_lab.report.content import lead, page_title, stage_numbers, stage_pictures
-
     products, out = Products(products_path), Path(out)
     if not products.stages():
         raise PolfuseError(
@@ -67,8 +49,8 @@ def report(
         )
     checks = read_checks(products.path)
     page = _template().render(
-        title=title or page_title(products),
-        lead=lead(products),
+        title=title or _title(products),
+        lead=_lead(products),
         css=Markup(files(__package__).joinpath("page.css").read_text(encoding="utf-8")),
         numbers=stage_numbers(products) if numbers is None else numbers,
         checks=checks,
@@ -78,6 +60,7 @@ def report(
         stages=[_stage(products, name) for name in products.stages()],
         products_name=products.path.name,
         value_text=value_text,
+        check_texts=check_texts,
     )
     try:
         out.write_text(page, encoding="utf-8")
@@ -86,6 +69,18 @@ def report(
             f"the report cannot be written ({error.strerror})", where=str(out), advice="check the folder"
         ) from error
     return out
+
+
+def _title(products: Products) -> str:
+    stages = set(products.stages())
+    kind = "Radar and light" if {"focus", "optics"} <= stages else "Radar" if "focus" in stages else "Light"
+    return f"{kind}: {products.path.stem}"
+
+
+def _lead(products: Products) -> str:
+    stages = products.stages()
+    newest = max(products.provenance(name)["time_utc"] for name in stages)
+    return f"{products.path.name}, stages {', '.join(stages)}; last changed {newest.replace('T', ' ')}."
 
 
 def _template() -> Any:

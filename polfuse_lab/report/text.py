@@ -32,6 +32,21 @@ def value_text(value: float, sd: float | None = None) -> str:
     return _minus(f"{value:.{digits}f} ± {sd:.{digits}f}")
 
 
+def check_texts(value: float, expected: float, tolerance: float) -> tuple[str, str, str]:
+    """Value, expected value and tolerance of a check with as many decimals as the tolerance asks for."""
+    if not math.isfinite(tolerance) or tolerance <= 0:
+        return value_text(value), value_text(expected), value_text(tolerance)
+    decimals = max(1 - math.floor(math.log10(tolerance)), 0)
+    return _fixed(value, decimals), _fixed(expected, decimals), _fixed(tolerance, decimals)
+
+
+def _fixed(number: float, decimals: int) -> str:
+    if not math.isfinite(number):
+        return "—"
+    # Adding 0.0 makes a rounded −0 a plain 0.
+    return _minus(f"{round(number, decimals) + 0.0:.{decimals}f}")
+
+
 def _minus(text: str) -> str:
     if "e" not in text:
         return text.replace("-", "−")

@@ -1,0 +1,117 @@
+"""The report's table of numbers: what each stage found, with its uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from polfuse_lab.products.store import Products
+from polfuse_lab.report.text import Number, value_text
+
+
+def stage_numbers(products: Products) -> list[Number]:
+    """The table of numbers, from the stages present."""
+    return [item for name in products.stages() if name in _NUMBERS for item in _NUMBERS[name](products)]
+
+
+def _number(settings: Mapping[str, Any], key: str) -> float:
+    """A number from settings, where undefined ones are null."""
+    return float("nan") if settings.get(key) is None else float(settings[key])
+
+
+def _focus(products: Products) -> list[Number]:
+    settings = products.settings("focus")
+    x = products.read("ranging")["antenna_m"][:, 0]
+    return [
+        Number("Positions", len(x), note="of the trolley along the rail"),
+        Number("Aperture", float(np.ptp(x)), "m", note="from the first position to the last"),
+        Number(
+            "Focusing error",
+            _number(settings, "predicted_error_db"),
+            "dB",
+            note=f"predicted for {settings['method']}, {settings['interpolator']}, against the exact matched filter",
+        ),
+    ]
+
+
+def _calibration(products: Products) -> list[Number]:
+    settings = products.settings("calibration")
+    arrays = products.read("calibration")
+    kind = settings["target"]["kind"]
+    found = [
+        Number(
+            "Calibration constant",
+            _number(settings, "constant_db"),
+            "dB",
+            _number(settings, "constant_sd_db"),
+            f"RCS minus image power, from the {kind}",
+        ),
+        Number("Imbalance, amplitude", _number(settings, "imbalance_db"), "dB", note=f"VV over HH of the {kind}"),
+        Number("Imbalance, phase", _number(settings, "imbalance_deg"), "°", note=f"VV against HH of the {kind}"),
+    ]
+    for channel, value in sorted(settings["crosstalk_db"].items()):
+        found.append(Number(f"Crosstalk {channel}", float(value), "dB", note=f"cross over co return of the {kind}"))
+    row = int(np.argmin(np.abs(arrays["y_m"] - settings["target"]["y_m"])))
+    noise = arrays["noise_equivalent_rcs_m2"][settings["channels"].index("HH"), row]
+    found.append(
+        Number(
+            "Noise-equivalent RCS, HH",
+            float(10 * np.log10(noise)) if noise > 0 else float("nan"),
+            "dBsm",
+            note=f"at {arrays['y_m'][row]:.1f} m ground range, from the {settings['noise_source']}",
+        )
+    )
+    return found
+
+
+def _optics(products: Products) -> list[Number]:
+    arrays, settings = products.read("optics"), products.settings("optics")
+    defined = np.isfinite(arrays["dolp"])
+    if not defined.any():
+        return []
+    return [
+        Number(
+            "Median DOLP",
+            float(np.median(arrays["dolp"][defined])),
+            sd=float(np.median(arrays["dolp_sd"][defined])),
+            note="degree of linear polarization, debiased; ± is the median pixel's noise",
+        ),
+        Number("Masked pixels", 100 * float(np.mean(~defined)), "%", note="reasons are in the flag plane"),
+        Number(
+            "Condition number",
+            _number(settings, "condition_number"),
+            note="of the polarizer's angles; 1.41 is the best there is",
+        ),
+    ]
+
+
+def _fusion(products: Products) -> list[Number]:
+    settings = products.settings("fusion")
+    arrays = products.read("fusion")
+    error = arrays["registration_error_px"][np.isfinite(arrays["features"][0])]
+    found = [
+        Number(
+            "Fused pixels",
+            float(np.isfinite(arrays["features"]).all(axis=0).sum()),
+            note="on the ground, defined in radar and camera pictures",
+        )
+    ]
+    if error.size:
+        note = "median standard deviation of a radar pixel's place in the camera picture"
+        found.append(Number("Registration", float(np.median(error)), "px", note=note))
+    for pair, distance in settings["bhattacharyya"].items():
+        upper = 100 * float(settings["bayes_bounds"][pair][1])
+        confused = "below 10⁻⁶ %" if upper < 1e-6 else f"at most {value_text(upper)} %"
+        note = f"Bhattacharyya distance (thesis 7.2), {distance['pauli']:.2f} by radar alone; Bayes error {confused}"
+        found.append(Number(f"Separation {pair}", float(distance["pauli_dolp"]), note=note))
+    return found
+
+
+_NUMBERS: dict[str, Callable[[Products], list[Number]]] = {
+    "focus": _focus,
+    "calibration": _calibration,
+    "optics": _optics,
+    "fusion": _fusion,
+}

@@ -1,0 +1,138 @@
+"""The report's pictures with their captions, drawn from the stages present."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from polfuse_lab.products.store import Products
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One figure of the page."""
+
+    name: str
+    """For a file name."""
+    title: str
+    caption: str
+    png: bytes
+
+    @property
+    def data_uri(self) -> str:
+        """The picture as text, so that the page needs no other file."""
+        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
+
+
+def stage_pictures(products: Products) -> list[Picture]:
+    """The pictures, in the order of the stages."""
+    return [item for name in products.stages() if name in _PICTURES for item in _PICTURES[name](products)]
+
+
+def _picture(name: str, title: str, caption: str, figure: Figure) -> Picture:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", metadata={"Software": None})
+    return Picture(name, title, caption, stream.getvalue())
+
+
+def _channels(products: Products, stage: str) -> tuple[str, ...]:
+    return tuple(str(name) for name in products.settings(stage)["channels"])
+
+
+def _ranging(products: Products) -> list[Picture]:
+    from polfuse_lab.products.figures_sar import rail_figure
+
+    caption = (
+        "Range profiles at every position along the rail, one panel per channel. A target's range changes along the "
+        "rail as a hyperbola; its curvature is what focusing uses."
+    )
+    figure = rail_figure(products.read("ranging"), _channels(products, "ranging"))
+    return [_picture("range", "Range profiles", caption, figure)]
+
+
+def _focus(products: Products) -> list[Picture]:
+    if "calibration" in products.stages():
+        # The calibrated picture shows the same in honest units.
+        return []
+    from polfuse_lab.products.figures_sar import magnitude_figure
+
+    figure = magnitude_figure(products.read("focus"), _channels(products, "focus"))
+    return [_picture("focus", "Focused image", "Magnitude of every channel, not calibrated.", figure)]
+
+
+def _calibration(products: Products) -> list[Picture]:
+    from polfuse_lab.products.figures_calibration import noise_figure, rcs_figure
+
+    arrays, settings = products.read("calibration"), products.settings("calibration")
+    rcs = (
+        f"RCS of every channel (transmit, then receive) after calibration on the {settings['target']['kind']}; rings "
+        "mark the calibration target and the check target where their ranges put them on the ground plane."
+    )
+    noise = "RCS of a target that would be as strong as the noise. White noise after range compensation grows as R⁴."
+    return [
+        _picture("rcs", "Calibrated RCS", rcs, rcs_figure(arrays, settings)),
+        _picture("noise", "Noise-equivalent RCS", noise, noise_figure(arrays, settings)),
+    ]
+
+
+def _polarimetry(products: Products) -> list[Picture]:
+    from polfuse_lab.products.figures_fusion import pauli_figure
+
+    caption = (
+        "Pauli components from complex amplitudes. Red: even bounce (dihedral); green: turned or volume scattering "
+        "(bush); blue: odd bounce (plate, trihedral)."
+    )
+    return [_picture("pauli", "Scattering mechanisms", caption, pauli_figure(products.read("polarimetry")))]
+
+
+def _optics(products: Products) -> list[Picture]:
+    from polfuse_lab.products.figures_optics import optics_figure
+    from polfuse_lab.products.optics import UNITS, series_of
+    from processing.optics.stokes import StokesImage
+
+    arrays = products.read("optics")
+    image = StokesImage(**{name: arrays[name] for name in UNITS})
+    caption = (
+        "Stokes parameters of the polarizer series in the camera's frame, the degree of linear polarization without "
+        "its noise bias, the angle of polarization from horizontal, and why pixels are masked."
+    )
+    figure = optics_figure(image, series_of(products.settings("optics")))
+    return [_picture("optics", "Polarization of the light", caption, figure)]
+
+
+def _fusion(products: Products) -> list[Picture]:
+    from polfuse_lab.products.figures_fusion import class_figure, fused_figure, overlay_figure
+    from polfuse_lab.products.optics import pinhole_of
+
+    arrays, settings = products.read("fusion"), products.settings("fusion")
+    fused = (
+        "The fused vector of thesis 6.12 on the ground: three normalised Pauli components from the radar and the "
+        "degree of linear polarization from the camera. Grey where one of the two sees nothing above its noise."
+    )
+    classes = "K-means classes of the fused vector, and where they lie between two of its components."
+    overlay = "The radar's Pauli composite laid over the camera's picture, with lines of equal ground range."
+    camera = pinhole_of(products.settings("optics"))
+    drawn = overlay_figure(
+        products.read("optics"), products.read("polarimetry"), arrays, camera, float(settings["z_m"])
+    )
+    return [
+        _picture("fusion", "Fused vector", fused, fused_figure(arrays, list(settings["features"]))),
+        _picture("classes", "Classes", classes, class_figure(arrays, settings["classes"])),
+        _picture("overlay", "Radar in the camera's picture", overlay, drawn),
+    ]
+
+
+_PICTURES: dict[str, Callable[[Products], list[Picture]]] = {
+    "ranging": _ranging,
+    "focus": _focus,
+    "calibration": _calibration,
+    "polarimetry": _polarimetry,
+    "optics": _optics,
+    "fusion": _fusion,
+}
