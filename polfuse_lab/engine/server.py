@@ -17,7 +17,7 @@ from polfuse_lab.engine import protocol
 from polfuse_lab.live import LivePipeline
 from polfuse_lab.scheduler import Outcome, Scheduler
 
-LINGER_S = 5.0
+LINGER_S = 2.0
 """How long a finished engine waits for its clients to take note."""
 
 

@@ -133,6 +133,11 @@ class Actions:
         """Audio frames of a record of ``sweeps`` sweeps."""
         return record_frames(self._rig, sweeps, self._devices.radar.sample_rate_hz)
 
+    @property
+    def last_fix(self) -> TrolleyFix | None:
+        """The trolley's last fix."""
+        return self._fix
+
     def counts(self) -> dict[str, object]:
         """The present numbers, named as in :class:`~polfuse_lab.scheduler.status.RunStatus`."""
         return {
@@ -294,6 +299,7 @@ class Actions:
     def _in_time(self, deadline: float, kind: str, what: str) -> None:
         if time.monotonic() > deadline:
             driver = self._devices.by_kind[kind].driver
+            self._devices.failed = kind
             raise DeviceTimeout(what, where=f"{kind} ({driver})", advice="check the device, its power and its cable")
 
     def _warn(self, text: str) -> None:

@@ -14,7 +14,8 @@ from polfuse_lab.records import Record
 from polfuse_lab.scheduler.devices import DeviceSet
 from polfuse_lab.session.layout import TABLES
 
-CLOCK_EVERY_S = 5.0
+CLOCK_AFTER_S = (1.0, 2.0, 3.0, 5.0)
+"""Time from one fix to the next; the last one stays. Closer at first, so that a short collect has enough for a fit."""
 
 
 class ClockWatch:
@@ -26,6 +27,7 @@ class ClockWatch:
         self._taken: list[ClockFix] = []
         self._calls: dict[str, Future[ClockFix | None]] = {}
         self._due = 0.0
+        self._rounds = 0
         self._readers = {
             kind: device.clock
             for kind, device in (
@@ -39,7 +41,7 @@ class ClockWatch:
         """Take one fix from each device and wait for it. Raises as :meth:`DeviceSet.call`."""
         for kind, reader in self._readers.items():
             self._take(self._devices.call(kind, reader))
-        self._due = time.monotonic() + CLOCK_EVERY_S
+        self._plan_next()
 
     def tick(self) -> None:
         """Called during waits: begin the fixes that are due and keep those that are done; does not wait.
@@ -50,13 +52,17 @@ class ClockWatch:
         for kind, call in list(self._calls.items()):
             if call.done():
                 del self._calls[kind]
-                self._take(call.result())
+                self._take(self._devices.result(kind, call, "clock"))
         if time.monotonic() < self._due:
             return
-        self._due = time.monotonic() + CLOCK_EVERY_S
+        self._plan_next()
         for kind, reader in self._readers.items():
             if kind not in self._calls:
                 self._calls[kind] = self._devices.by_kind[kind].lane.submit(reader)
+
+    def forget(self) -> None:
+        """Drop questions under way: a device that asked them has been opened again since."""
+        self._calls.clear()
 
     def sync_rms_s(self) -> float | None:
         """Sync uncertainty of what has been recorded, s; None where no device has a clock."""
@@ -65,6 +71,10 @@ class ClockWatch:
             row["device"], row["t_device_s"] = fix.device.encode(), fix.t_device_s
             row["t_host_ns"], row["round_trip_ns"] = fix.t_host_ns, fix.round_trip_ns
         return sync_rms_s(rows)
+
+    def _plan_next(self) -> None:
+        self._due = time.monotonic() + CLOCK_AFTER_S[min(self._rounds, len(CLOCK_AFTER_S) - 1)]
+        self._rounds += 1
 
     def _take(self, fix: ClockFix | None) -> None:
         if fix is not None:

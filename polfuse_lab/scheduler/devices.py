@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from drivers import contracts, registry
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, DeviceTimeout
 from drivers.records import Identity
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.rig import Rig, driver_options
@@ -59,6 +59,8 @@ class DeviceSet:
 
     control: Control
     by_kind: dict[str, Device] = field(default_factory=dict)
+    failed: str | None = None
+    """Kind of the device that failed last; whoever deals with the failure sets it back."""
 
     def __contains__(self, kind: str) -> bool:
         return kind in self.by_kind
@@ -102,14 +104,25 @@ class DeviceSet:
         """
         device = self.by_kind[kind]
         future = device.lane.submit(function, *args)
-        where = f"{kind} ({device.driver})"
-        self.control.wait_for(future, timeout_s, function.__name__, where)
+        try:
+            self.control.wait_for(future, timeout_s, function.__name__, f"{kind} ({device.driver})")
+        except DeviceTimeout:
+            # Unless another device failed in a tick meanwhile: then this one is innocent.
+            self.failed = self.failed or kind
+            raise
+        return self.result(kind, future, function.__name__)
+
+    def result(self, kind: str, future: Future[Result], name: str) -> Result:
+        """Outcome of a call that is done. Raises :class:`DeviceError` as the device did, or for a driver's defect."""
         try:
             return future.result()
+        except DeviceError:
+            self.failed = kind
+            raise
         except (OSError, RuntimeError, ValueError, TypeError, AttributeError, KeyError) as error:
             raise DeviceError(
-                f"the driver failed in {function.__name__} ({type(error).__name__}: {error})",
-                where=where,
+                f"the driver failed in {name} ({type(error).__name__}: {error})",
+                where=f"{kind} ({self.by_kind[kind].driver})",
                 advice="this is a defect of the driver: report it",
             ) from error
 

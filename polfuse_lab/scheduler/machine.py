@@ -21,6 +21,7 @@ from polfuse_lab.scheduler.clock_watch import ClockWatch
 from polfuse_lab.scheduler.control import Aborted, Control
 from polfuse_lab.scheduler.devices import DeviceSet, make_devices
 from polfuse_lab.scheduler.prompts import Prompts
+from polfuse_lab.scheduler.recovery import Recovery
 from polfuse_lab.scheduler.status import Outcome, RunState, RunStatus
 from polfuse_lab.session.layout import SessionConfig
 from polfuse_lab.session.naming import check_free_name, partial_path
@@ -110,6 +111,7 @@ class Scheduler:
         self._devices: DeviceSet | None = None
         self._actions: Actions | None = None
         self._clocks: ClockWatch | None = None
+        self._recovery: Recovery | None = None
 
     def status(self) -> RunStatus:
         """The present status."""
@@ -152,6 +154,9 @@ class Scheduler:
         self._enter(RunState.PREPARING, "listening to the radar")
         self._actions = Actions(self._rig, self._plan, self._devices, self.control, self.prompts, self._keep)
         self._clocks = ClockWatch(self._devices, self._keep)
+        self._recovery = Recovery(
+            self._devices, self._plan, self.control, self.prompts, lambda text: self._enter(RunState.PAUSED, text)
+        )
         block = self._actions.probe()
         self._enter(RunState.PREPARING, "beginning the session file")
         rig_toml, plan_toml = self._texts
@@ -176,6 +181,7 @@ class Scheduler:
         return planned
 
     def _execute(self, planned: tuple[Step, ...]) -> None:
+        assert self._devices is not None
         assert self._actions is not None
         assert self._clocks is not None
         times = list(step_seconds(self._rig, planned))
@@ -195,16 +201,45 @@ class Scheduler:
             spent = time.monotonic() - started - paused_s
             self._set(eta_s=sum(times[index:]) * _pace(spent, expected_done))
             self._enter(RunState.RUNNING, describe(step))
-            self._actions.do(step)
+            try:
+                self._devices.failed = None
+                self._actions.do(step)
+                if isinstance(step, Checkpoint):
+                    self._flush()
+            except DeviceError as error:
+                before = time.monotonic()
+                self._recover(error)
+                paused_s += time.monotonic() - before
+                self._actions.repeat()
+                self._event("resumed", f"repeating from step {checkpoint + 1}")
+                index = checkpoint
+                continue
             expected_done += times[index]
             index += 1
             self._set(step=index)
             if isinstance(step, Checkpoint):
-                self._flush()
                 checkpoint = index
         self._clocks.now()
         self._flush()
         self._set(eta_s=0.0)
+
+    def _recover(self, error: DeviceError) -> None:
+        """Wait for a lost device to come back; raise ``error``, or a worse one, when that is no use."""
+        assert self._recovery is not None
+        assert self._actions is not None
+        kind = self._recovery.kind(error)
+        if kind is None:
+            raise error
+        clocks, self._clocks = self._clocks, None  # no questions to a device that is away
+        try:
+            self._enter(RunState.PAUSED, f"the {kind} is lost: {error}")
+            self._event("lost", f"{kind}: {error}")
+            self._flush()
+            self._event("back", self._recovery.bring_back(kind, error, self._actions.last_fix))
+        finally:
+            self._clocks = clocks
+        if clocks is not None:
+            clocks.forget()
 
     def _pause(self) -> None:
         self._enter(RunState.PAUSED, "paused by the user")

@@ -87,7 +87,7 @@ def recording(client: EngineClient, sweeps: int) -> None:
 
 
 def test_preview_reaches_the_client(bench):
-    bench.write(sweeps=50)
+    bench.write(sweeps=20)
     with bench.start() as client:
         wait_for(lambda: client.poll(0.02) and client.status.preview)
         preview = client.status.preview
@@ -126,7 +126,7 @@ def test_killed_engine_leaves_a_clean_file(bench):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="finds the writer in /proc")
 def test_killed_writer_stops_the_engine_with_the_reason(bench):
-    bench.write(aperture=2.0, settle=0.3)
+    bench.write(settle=0.3)
     with bench.start() as client:
         recording(client, 3)
         writers = [

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from hw_mocks.rig import SimulatedRig
 from polfuse_lab.doctor import examine
@@ -25,12 +24,10 @@ settle_s = 0.0
 """
 
 
-@pytest.mark.parametrize("audio", ["tcp", "auto"])
-def test_collect_on_the_simulated_rig_is_whole(tmp_path, audio):
-    with SimulatedRig(SCENE, tmp_path / "rig", seed=1, audio=audio) as rig:
+def test_collect_on_the_simulated_rig_is_whole(tmp_path):
+    with SimulatedRig(SCENE, tmp_path / "rig", seed=1) as rig:
         path = rig.write_rig(tmp_path / "rig.toml")
-        if audio == "tcp":
-            assert [(f.kind, f.ok, f.advice) for f in examine(path) if not f.ok] == []
+        assert [(f.kind, f.ok, f.advice) for f in examine(path) if not f.ok] == []
         plan = tmp_path / "plan.toml"
         plan.write_text(PLAN)
         outcome = collect(path, plan, tmp_path / "s.h5")

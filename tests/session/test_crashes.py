@@ -52,7 +52,7 @@ def killed_after(path: Path, seconds: float) -> int:
     return int(whole[-1]) if whole else 1
 
 
-@pytest.mark.parametrize("attempt", range(6))
+@pytest.mark.parametrize("attempt", range(4))
 def test_killed_at_any_instant_every_flushed_record_survives(path, attempt):
     flushed = killed_after(path, random.Random(attempt).uniform(0.0, 0.25))
     partial = path.with_name("s.h5.partial")
