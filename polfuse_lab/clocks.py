@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+
+STEP_S = 0.2
+"""A step between two clocks, s, beyond which one of them has been set or begun anew."""
+STEP_RATE = 2e-3
+"""Drift that is still a drift: twice the worst that a sound card may have (1000 ppm)."""
 
 
 @dataclass(frozen=True)
@@ -94,18 +101,37 @@ def _theil_sen(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
     return float(np.median((y[j] - y[i])[apart] / dx[apart]))
 
 
+def clock_runs(t_device_s: NDArray[np.float64], t_host_ns: NDArray[np.int64]) -> list[slice]:
+    """Stretches of clock fixes within which the device's clock ran on.
+
+    A device that was opened again begins to count anew, and a clock may be set: both show as a step between the clocks
+    that no drift explains (:data:`STEP_S`, :data:`STEP_RATE`).
+    """
+    host_s = np.diff(t_host_ns) * 1e-9
+    step_s = np.abs(np.diff(t_device_s) - host_s)
+    borders = [0, *(np.flatnonzero(step_s > STEP_S + STEP_RATE * np.abs(host_s)) + 1).tolist(), len(t_device_s)]
+    return [slice(a, b) for a, b in itertools.pairwise(borders) if b > a]
+
+
 def fit_clocks(clocks: NDArray[np.void]) -> dict[str, ClockFit]:
-    """One fit for each device in a session's table of clock fixes."""
-    fits = {}
-    for name in np.unique(clocks["device"]):
-        rows = clocks[clocks["device"] == name]
-        fit = fit_clock(name.decode(), rows["t_device_s"], rows["t_host_ns"], rows["round_trip_ns"])
-        if fit is not None:
-            fits[fit.device] = fit
-    return fits
+    """One fit for each device in a session's table of clock fixes: that of the longest run of its clock."""
+    return {name: max(fits, key=lambda fit: fit.pairs) for name, fits in _all_fits(clocks).items() if fits}
 
 
 def sync_rms_s(clocks: NDArray[np.void]) -> float | None:
-    """Sync uncertainty of a session, s: the largest over its devices; None where no device has a clock."""
-    fits = fit_clocks(clocks).values()
+    """Sync uncertainty of a session, s: the largest over its devices and runs; None where no device has a clock."""
+    fits = [fit for fits in _all_fits(clocks).values() for fit in fits]
     return max((fit.residual_rms_s for fit in fits), default=None)
+
+
+def _all_fits(clocks: NDArray[np.void]) -> dict[str, list[ClockFit]]:
+    """The fits of all runs of each device's clock."""
+    found: dict[str, list[ClockFit]] = {}
+    for name in np.unique(clocks["device"]):
+        rows = clocks[clocks["device"] == name]
+        fits = (
+            fit_clock(name.decode(), rows["t_device_s"][run], rows["t_host_ns"][run], rows["round_trip_ns"][run])
+            for run in clock_runs(rows["t_device_s"], rows["t_host_ns"])
+        )
+        found[name.decode()] = [fit for fit in fits if fit is not None]
+    return found
