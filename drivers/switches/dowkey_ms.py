@@ -19,6 +19,7 @@ from annotated_types import Ge, Gt, Le
 from drivers.errors import DeviceBadAnswer, DeviceError, DeviceRefused, DeviceTimeout
 from drivers.options import checked
 from drivers.records import Channel, Identity, SwitchState
+from drivers.switches.sequence import RfPath, Sequence, SequenceOptions
 from drivers.transport import SerialLine
 
 UNKNOWN_POSITION = 255
@@ -28,8 +29,8 @@ _MAX_ERRORS = 20
 class DowKeyMs:
     """Driver ``dowkey_ms``. Thread-safe."""
 
-    @dataclass(frozen=True)
-    class Options:
+    @dataclass(frozen=True, kw_only=True)
+    class Options(SequenceOptions):
         """The table ``[switches.options]``."""
 
         __pydantic_config__: ClassVar[dict[str, object]] = {"extra": "forbid", "allow_inf_nan": False}
@@ -42,18 +43,17 @@ class DowKeyMs:
         """Number of the switch in the transmit path."""
         receive_switch: Annotated[int, Ge(1), Le(99)] = 2
         """Number of the switch in the receive path."""
-        h_position: Annotated[int, Ge(0), Le(99)] = 1
-        """Position that connects the H antenna."""
-        v_position: Annotated[int, Ge(0), Le(99)] = 2
+        h_position: Annotated[int, Ge(1), Le(99)] = 1
+        """Position that connects the H antenna (0, all contacts open, would leave the transmitter without a load)."""
+        v_position: Annotated[int, Ge(1), Le(99)] = 2
         """Position that connects the V antenna."""
-        settle_s: Annotated[float, Ge(0), Le(0.5)] = 0.07
-        """Time after a switch has been told to change until its contacts are quiet, s (actuation takes 10 to 30 ms)."""
         timeout_s: Annotated[float, Gt(0), Le(5)] = 1.0
         """Time for an answer, s."""
         verify: bool = True
         """Ask for the positions before and after switching; off only for units that cannot tell them."""
 
         def __post_init__(self) -> None:
+            super().__post_init__()
             if self.transmit_switch == self.receive_switch:
                 raise ValueError(f"transmit_switch and receive_switch are both {self.transmit_switch}, allowed: two")
             if self.h_position == self.v_position:
@@ -64,8 +64,9 @@ class DowKeyMs:
         self._line = SerialLine(options.port, baud=options.baud, name="Dow-Key switches", timeout_s=options.timeout_s)
         self._lock = threading.RLock()
         self._told: dict[int, int] = {}
-        self._switches = {"transmit": options.transmit_switch, "receive": options.receive_switch}
+        self._switches: dict[RfPath, int] = {"transmit": options.transmit_switch, "receive": options.receive_switch}
         self._positions = {"H": options.h_position, "V": options.v_position}
+        self._sequence = Sequence(options, {path: str(number) for path, number in self._switches.items()})
 
     def open(self) -> Identity:
         """Connect, ask who it is and forget errors of earlier sessions.
@@ -79,18 +80,18 @@ class DowKeyMs:
                 self._told.clear()
                 name = self._line.ask(b"*IDN?\r\n")
                 self._errors()
-                detail = ""
+                stand = []
                 if self._options.verify:
-                    detail = ", ".join(f"switch {n} at {self._position(n)}" for n in self._switches.values())
+                    stand = [f"switch {n} at {self._position(n)}" for n in self._switches.values()]
             except BaseException:
                 self._line.close()
                 raise
-            return Identity("switches", "dowkey_ms", name, detail)
+            return Identity("switches", "dowkey_ms", name, ", ".join([*stand, self._sequence.begin(name)]))
 
     def select(self, channel: Channel) -> SwitchState:
         """Route both switches, wait until they have settled, and verify (with ``verify``) that they stand there.
 
-        Only a switch that must change is told to: these switches wear.
+        Only a switch that must change is told to, in the order of :mod:`drivers.switches.sequence`.
 
         Raises:
             DeviceRefused: a switch does not stand where it was sent; the unit's own errors are quoted.
@@ -104,14 +105,11 @@ class DowKeyMs:
         with self._lock, self._line.exchange():
             try:
                 present = {n: self._position(n) for n in wanted} if options.verify else self._told
-                changes = {n: position for n, position in wanted.items() if present.get(n) != position}
+                changes = [path for path, n in self._switches.items() if present.get(n) != wanted[n]]
                 self._told = {}
-                for number, position in changes.items():
-                    self._line.write(f":SWITCH{number} {position}\r\n".encode())
-                if changes:
-                    time.sleep(options.settle_s)
-                    if options.verify:
-                        self._await_completion()
+                self._sequence.move(changes, lambda path: self._send(path, wanted))
+                if changes and options.verify:
+                    self._await_completion()
                 if options.verify:
                     self._verify(wanted)
                 self._told = wanted
@@ -142,6 +140,16 @@ class DowKeyMs:
     def close(self) -> None:
         """Release the port. Idempotent; never raises."""
         self._line.close()
+        self._sequence.end()
+
+    @property
+    def cycles(self) -> dict[str, int]:
+        """Actuations of each switch of this unit, by its number, kept across sessions."""
+        return self._sequence.cycles
+
+    def _send(self, path: RfPath, wanted: dict[int, int]) -> None:
+        number = self._switches[path]
+        self._line.write(f":SWITCH{number} {wanted[number]}\r\n".encode())
 
     def _position(self, number: int) -> int:
         answer = self._line.ask(f":SWITCH{number}?\r\n".encode())

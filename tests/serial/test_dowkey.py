@@ -56,10 +56,10 @@ def test_exact_bytes(kind: Kind) -> None:
 
 
 def test_exact_bytes_without_verification() -> None:
-    script = Script(*GREETING, (b":SWITCH4 1\r\n", b""), (b":SWITCH7 0\r\n", b""), (b":SWITCH7 1\r\n", b""))
+    script = Script(*GREETING, (b":SWITCH4 2\r\n", b""), (b":SWITCH7 1\r\n", b""), (b":SWITCH7 2\r\n", b""))
     with serve(script) as wire:
         switches = driver(
-            wire.url, transmit_switch=4, receive_switch=7, h_position=0, v_position=1, verify=False, settle_s=0.0
+            wire.url, transmit_switch=4, receive_switch=7, h_position=1, v_position=2, verify=False, settle_s=0.0
         )
         switches.open()
         assert switches.select(Channel.VH).verified is False
