@@ -141,6 +141,7 @@ class GigeCamera:
         self._address = address
         self._power = threading.Lock()
         self._was_gone = False
+        self._failure: BaseException | None = None
         self.gvcp_counts: Counter[str] = Counter()
         """Datagrams received and sent on the control channel."""
         rows, columns = source.shape
@@ -254,9 +255,10 @@ class GigeCamera:
         self._acquisition.trigger(LINE)
 
     def check(self) -> None:
-        """Raise what ended the stream's thread, if anything did."""
-        if self._acquisition.failure is not None:
-            raise RuntimeError("the simulated camera's stream failed") from self._acquisition.failure
+        """Raise RuntimeError when a defect ended one of the camera's threads."""
+        failure = self._failure or self._acquisition.failure
+        if failure is not None:
+            raise RuntimeError(f"the simulated camera failed with {failure!r}") from failure
 
     # Registers that do something.
 
@@ -347,6 +349,13 @@ class GigeCamera:
         self._closing.callback(hears.close)
 
     def _serve(self) -> None:
+        try:
+            self._serve_control()
+        except BaseException as error:
+            self._failure = error
+            raise
+
+    def _serve_control(self) -> None:
         with selectors.DefaultSelector() as selector:
             for one in (*self._sockets, self._wake_receive):
                 selector.register(one, selectors.EVENT_READ)

@@ -25,7 +25,7 @@ CHUNKS = {"Image": 0x0001, "Timestamp": 0x1001, "FrameID": 0x1002, "ExposureTime
 """Chunks and their ids."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Feature:
     """A feature and the register behind it.
 
