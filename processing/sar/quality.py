@@ -12,10 +12,10 @@ from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 from processing.sar.grid import ImageGrid
 from processing.sar.interpolation import sinc_weights
 
-TAPS = 8
+TAPS = 12
 """Pixels per axis that a value between pixels is read from."""
 
-SAMPLING = 2.0
+SAMPLING = 2.5
 """Pixels per resolution cell that interpolation between pixels counts on, at least."""
 
 
@@ -91,7 +91,7 @@ def value_between(
     *,
     turns: tuple[float, float] | None = None,
 ) -> NDArray[np.complex128]:
-    """Complex values at fractional rows and columns, by a separable Kaiser-windowed sinc of eight taps.
+    """Complex values at fractional rows and columns, by a separable Kaiser-windowed sinc of twelve taps.
 
     A focused image carries phase that turns fast, by several turns from pixel to pixel. The mean turn around each
     place is taken off before and put back after interpolation; the pixels tell it but for whole turns, which
@@ -164,28 +164,43 @@ def _with_gain(peak: Peak, grid: ImageGrid, range_compensated: bool) -> Peak:
     return Peak(peak.x_m, peak.y_m, peak.value * float(range_gain(peak.x_m, peak.y_m, grid.z_m)))
 
 
+def _climb(image: NDArray[np.complexfloating], row: int, column: int) -> tuple[float, float]:
+    """Newton's method on the log magnitude, which is near a paraboloid at the top of any lobe.
+
+    Lobes away from broadside are ridges oblique to the grid, so that the top may be several pixels from the largest.
+    """
+    place = np.array([row, column], dtype=np.float64)
+    h = 0.25
+    for _ in range(30):
+        around = np.array([[_value_at(image, place[0] + i * h, place[1] + j * h) for j in (-1, 0, 1)] for i in (-1, 0, 1)])
+        if not np.isfinite(around).all() or (around == 0).any():
+            break
+        level = np.log(np.abs(around))
+        slope = np.array([level[2, 1] - level[0, 1], level[1, 2] - level[1, 0]]) / (2 * h)
+        across = (level[2, 2] - level[2, 0] - level[0, 2] + level[0, 0]) / 4
+        along = level[2, 1] - 2 * level[1, 1] + level[0, 1], level[1, 2] - 2 * level[1, 1] + level[1, 0]
+        curvature = np.array([[along[0], across], [across, along[1]]]) / h**2
+        values, vectors = np.linalg.eigh(curvature)
+        # Uphill even where the surface still bends the other way; not at all along a level crest.
+        bent = np.abs(values) > 1e-4 * np.abs(values).max()
+        step = vectors @ np.where(bent, (vectors.T @ slope) / np.where(bent, np.abs(values), 1.0), 0.0)
+        step *= min(1.0, 1.5 / max(float(np.linalg.norm(step)), 1e-12))
+        place = place + step
+        if np.linalg.norm(step) < 1e-4:
+            return float(place[0]), float(place[1])
+    # No top was reached: an edge or an undefined pixel is near.
+    return float(row), float(column)
+
+
 def refine_peak(
     image: NDArray[np.complexfloating], grid: ImageGrid, row: int, column: int, carrier: Carrier | None = None
 ) -> Peak:
     """The maximum of the interpolated magnitude nearest to a pixel that exceeds its neighbours.
 
-    With ``carrier`` the value has its true phase. Nearer than four pixels to an edge or to undefined pixels the pixel
+    With ``carrier`` the value has its true phase. Nearer than six pixels to an edge or to undefined pixels the pixel
     itself is returned.
     """
-    best_row, best_column = float(row), float(column)
-    best = abs(_value_at(image, best_row, best_column))
-    step = 0.5
-    while step > 1e-4:
-        around = [(best_row + i * step, best_column + j * step) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
-        inside = [p for p in around if abs(p[0] - row) <= 1 and abs(p[1] - column) <= 1]
-        levels = [abs(_value_at(image, *p)) for p in inside]
-        if not np.isfinite(levels).all():
-            break
-        top = int(np.argmax(levels))
-        if levels[top] > best:
-            best, (best_row, best_column) = levels[top], inside[top]
-        else:
-            step /= 2
+    best_row, best_column = _climb(image, row, column)
     x = np.interp(best_column, np.arange(len(grid.x_m)), grid.x_m)
     y = np.interp(best_row, np.arange(len(grid.y_m)), grid.y_m)
     turns = None if carrier is None else carrier.turns(grid, best_row, best_column)
@@ -327,9 +342,9 @@ def _half_width(side: NDArray[np.floating]) -> float:
 
 
 def _first_null(side: NDArray[np.floating]) -> int | None:
-    """Index of the first minimum beyond which the cut rises again; None where it only falls."""
+    """Index of the first minimum beyond which the cut rises again; None where it only falls, or rises at once."""
     rising = np.flatnonzero(np.diff(side) > 0)
-    return int(rising[0]) if rising.size else None
+    return int(rising[0]) if rising.size and rising[0] > 0 else None
 
 
 def complex_correlation(
