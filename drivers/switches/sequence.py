@@ -4,7 +4,8 @@ A transfer switch connects the transmitter to an antenna in both of its position
 Only while its contacts travel, some 10 to 30 ms, does the transmitter see an open line: contacts break before they
 make. To keep the open times apart, the switches move one after the other: ``first`` says which begins, ``stagger_s``
 how much later the other one follows. A switch that need not change is not moved: these switches wear, and each
-actuation is counted (:mod:`drivers.switches.cycles`). A position at which the transmitter would stay open is no valid option.
+actuation is counted (:mod:`drivers.switches.cycles`). A position at which the transmitter would stay open is no valid
+option.
 """
 
 from __future__ import annotations
