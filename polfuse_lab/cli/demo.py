@@ -36,12 +36,12 @@ def demo(
     """
     import time
 
+    begun = time.monotonic()
     from hw_mocks.scene_file import load_scene_file
     from polfuse_lab.cli.terminal import StatusLine, interrupt_on_sigterm
     from polfuse_lab.demo import files, flow
     from polfuse_lab.products.checks import as_json
 
-    begun = time.monotonic()
     out = Path(time.strftime("polfuse_demo_%Y%m%d_%H%M%S")) if out is None else out
     file = load_scene_file(files.write_text(out / "scene.toml", files.scene_text()))
     line = StatusLine()

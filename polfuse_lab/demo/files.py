@@ -12,7 +12,7 @@ STEP_M = 0.0508
 """2 in, as in the thesis: targets within 38 degrees have no grating lobes."""
 FULL_POSITIONS = 61
 """10 ft, as in the thesis."""
-QUICK_POSITIONS = 17
+QUICK_POSITIONS = 15
 FRAMES_PER_ANGLE = {True: 2, False: 4}
 """By ``quick``."""
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from polfuse_lab.demo import files
 from polfuse_lab.demo.collect_checks import collect_checks
+from polfuse_lab.demo.drawing import Drawing
 from polfuse_lab.demo.optics_checks import optics_checks
 from polfuse_lab.demo.radar_checks import (
     calibration_checks,
@@ -27,9 +28,8 @@ from polfuse_lab.products.checks import Check, write_checks
 from polfuse_lab.products.focus import focus
 from polfuse_lab.products.fuse import fuse
 from polfuse_lab.products.optics import optics
-from polfuse_lab.products.store import Products
 from polfuse_lab.report.builder import report
-from polfuse_lab.report.pictures import stage_pictures
+from polfuse_lab.report.pictures import Picture
 from polfuse_lab.rig import load_rig
 from processing.scene.model import Reflector, Scene
 
@@ -92,43 +92,47 @@ def demo(
     plan_path = files.write_text(out / "plan.toml", files.plan_text(quick=quick, sweeps=sweeps))
     sky_plan = files.write_text(out / "plan_sky.toml", files.sky_plan_text(sweeps=sweeps))
 
-    say("looking at the sky")
-    with simulate(sky_scene, out / "rig_sky.toml"):
-        _collect(out / "rig_sky.toml", sky_plan, sky, on_status)
-    say("collecting along the rail")
-    with simulate(scene_path, out / "rig.toml"):
-        outcome = _collect(out / "rig.toml", plan_path, session, on_status)
-
-    say("focusing, twice: back-projection and range migration")
-    focus(session, products, method="bp", sky=sky)
-    focus(session, compared, method="rma", sky=sky)
-    say("calibrating")
-    calibration = _calibrate(products, scene, sky, load_rig(out / "rig.toml").geometry.antenna_height_m)
-    say("polarization of the light")
-    optics(session, products)
-    say("fusing")
-    fuse(products)
-
-    say("checking")
-    checks = [
-        *collect_checks(outcome, load_plan(plan_path)),
-        *place_checks(products, scene),
-        *resolution_checks(products, scene),
-        *calibration_checks(calibration, scene),
-        *optics_checks(products, scene),
-        *method_checks(products, compared, scene),
-        *thesis_checks(),
-    ]
-    write_checks(products, checks, inputs=[scene_path, session, compared])
-    say("drawing and reporting")
-    pictures = stage_pictures(Products(products))
-    figures = []
-    for picture in pictures:
-        figures.append(out / "figures" / f"{picture.name}.png")
-        figures[-1].parent.mkdir(exist_ok=True)
-        figures[-1].write_bytes(picture.png)
+    with Drawing(products) as drawing:
+        say("looking at the sky")
+        with simulate(sky_scene, out / "rig_sky.toml"):
+            _collect(out / "rig_sky.toml", sky_plan, sky, on_status)
+        say("collecting along the rail")
+        with simulate(scene_path, out / "rig.toml"):
+            outcome = _collect(out / "rig.toml", plan_path, session, on_status)
+        say("focusing, twice: back-projection and range migration")
+        # A Taylor window along the aperture as well: side lobes of the strong targets would hide the bush.
+        focus(session, products, method="bp", aperture="taylor", sky=sky)
+        focus(session, compared, method="rma", aperture="taylor", sky=sky)
+        say("calibrating")
+        calibration = _calibrate(products, scene, sky, load_rig(out / "rig.toml").geometry.antenna_height_m)
+        drawing.draw("ranging", "calibration", "polarimetry")
+        say("polarization of the light, fusion")
+        optics(session, products)
+        fuse(products)
+        drawing.draw("optics", "fusion")
+        say("checking")
+        checks = [
+            *collect_checks(outcome, load_plan(plan_path)),
+            *place_checks(products, scene),
+            *resolution_checks(products, scene),
+            *calibration_checks(calibration, scene),
+            *optics_checks(products, scene),
+            *method_checks(products, compared, scene),
+            *thesis_checks(),
+        ]
+        write_checks(products, checks, inputs=[scene_path, session, compared])
+        say("drawing and reporting")
+        pictures = drawing.pictures()
+    figures = [_write_picture(out / "figures", picture) for picture in pictures]
     page = report(products, out / "report.html", title=f"Demo: {scene.name}", pictures=pictures)
     return DemoResult(session, products, page, figures, checks, time.monotonic() - begun)
+
+
+def _write_picture(folder: Path, picture: Picture) -> Path:
+    folder.mkdir(exist_ok=True)
+    path = folder / f"{picture.name}.png"
+    path.write_bytes(picture.png)
+    return path
 
 
 def _collect(rig: Path, plan: Path, session: Path, on_status: StatusListener | None) -> Finished:

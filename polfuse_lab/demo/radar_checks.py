@@ -86,7 +86,7 @@ def resolution_checks(products_path: Path | str, scene: Scene) -> list[Check]:
         _grid(focused),
         target.x_m,
         target.y_m,
-        reach_m=(2 * cell.x_m, 2 * cell.y_m),
+        reach_m=(cell.x_m, cell.y_m),
         range_compensated=True,
     )
     return [

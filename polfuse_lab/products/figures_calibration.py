@@ -30,7 +30,7 @@ def rcs_figure(calibration: Arrays, settings: Mapping[str, Any]) -> Figure:
     channels = [str(name) for name in settings["channels"]]
     columns = min(len(channels), 2)
     rows = -(-len(channels) // columns)
-    panel_in = 3.4 * float(np.ptp(y)) / float(np.ptp(x))
+    panel_in = 3.05 * float(np.ptp(y)) / float(np.ptp(x))
     figure = style.new_figure(8.2, 1.1 + rows * min(max(panel_in, 1.8), 5.0) + 0.35 * rows, title="Calibrated RCS")
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     level = style.decibels(scattering)

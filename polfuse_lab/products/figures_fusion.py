@@ -155,7 +155,7 @@ def class_figure(fusion: Arrays, classes: dict[str, Any]) -> Figure:
     in_features.set_ylim(bottom=0)
     in_features.grid(alpha=0.3)
     style.panel(in_features, "in the fused vector")
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4), frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False)
     return figure
 
 
@@ -241,7 +241,7 @@ def _ground_panels(x: NDArray[Any], y: NDArray[Any], title: str) -> tuple[Figure
     aspect = float(np.ptp(y)) / float(np.ptp(x))
     rows, columns = (1, 4) if aspect > 1.2 else (2, 2)
     width_in = 10.4
-    height_in = rows * (0.88 * width_in / columns * aspect + 0.9) + 0.8
+    height_in = rows * (0.79 * width_in / columns * aspect + 0.6) + 0.8
     figure = style.new_figure(width_in, float(np.clip(height_in, 3.2, 11.0)), title=title)
     return figure, figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
 

@@ -110,7 +110,7 @@ def db_image(
 def colour_bar(picture: AxesImage, axes: Axes | list[Axes], label: str, *, extend: str = "neither") -> Colorbar:
     """A colour bar with its quantity and unit: as tall as the picture of one axes, or shared by several."""
     if isinstance(axes, list):
-        return axes[0].figure.colorbar(picture, ax=axes, label=label, extend=extend, shrink=0.9, pad=0.02)
+        return axes[0].figure.colorbar(picture, ax=axes, label=label, extend=extend, shrink=0.9, pad=0.02, aspect=32)
     # An inset stays as tall as the picture where equal scales make that lower than its axes' share of the figure.
     beside = axes.inset_axes((1.03, 0.0, 0.045, 1.0))
     return axes.figure.colorbar(picture, cax=beside, label=label, extend=extend)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -30,9 +30,10 @@ class Picture:
         return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
 
 
-def stage_pictures(products: Products) -> list[Picture]:
-    """The pictures, in the order of the stages."""
-    return [item for name in products.stages() if name in _PICTURES for item in _PICTURES[name](products)]
+def stage_pictures(products: Products, stages: Sequence[str] | None = None) -> list[Picture]:
+    """The pictures of some stages (of all that are there where left out), in their order."""
+    chosen = products.stages() if stages is None else stages
+    return [item for name in chosen if name in _PICTURES for item in _PICTURES[name](products)]
 
 
 def _picture(name: str, title: str, caption: str, figure: Figure) -> Picture:

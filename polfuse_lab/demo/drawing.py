@@ -1,0 +1,51 @@
+"""Draw the report's pictures in a process of its own, while the demo goes on."""
+
+from __future__ import annotations
+
+import multiprocessing
+from concurrent.futures import Future, ProcessPoolExecutor
+from pathlib import Path
+from types import TracebackType
+
+from polfuse_lab.products.store import Products
+from polfuse_lab.report.pictures import Picture, stage_pictures
+
+
+class Drawing:
+    """Draws stages of a products file as soon as they are there; use it with ``with``."""
+
+    def __init__(self, products: Path) -> None:
+        self._products = products
+        self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+        self._drawn: list[Future[list[Picture]]] = []
+        # Loads what drawing needs, while the rig is still at work.
+        self._ready = self._pool.submit(_prepare)
+
+    def __enter__(self) -> Drawing:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def draw(self, *stages: str) -> None:
+        """Begin to draw stages that are finished."""
+        self._drawn.append(self._pool.submit(_draw, self._products, stages))
+
+    def pictures(self) -> list[Picture]:
+        """All pictures, once they are drawn. Raises what drawing raised."""
+        return [picture for future in self._drawn for picture in future.result()]
+
+
+def _prepare() -> None:
+    from polfuse_lab.products import figures_calibration, figures_fusion, figures_optics, figures_sar, style
+
+    # The first text drawn makes matplotlib look for its fonts.
+    modules = (figures_calibration, figures_fusion, figures_optics, figures_sar)
+    figure = style.new_figure(1.0, 1.0, title=str(len(modules)))
+    figure.canvas.draw()
+
+
+def _draw(products: Path, stages: tuple[str, ...]) -> list[Picture]:
+    return stage_pictures(Products(products), stages)
