@@ -162,9 +162,13 @@ class FaultScript:
     ) -> Fault:
         """Add a fault; its ``after_s`` runs from now, its counts are the device's."""
         fault = Fault(kind, after_s, after_count, for_s, for_count, amount)
+        self.add(fault)
+        return fault
+
+    def add(self, fault: Fault) -> None:
+        """Add a fault; its ``after_s`` runs from now."""
         with self._lock:
             self._courses.append(_Course(fault, time.monotonic_ns()))
-        return fault
 
     def stop(self, kind: FaultKind) -> None:
         """End all faults of a kind, those to come included."""

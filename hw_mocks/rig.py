@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Literal
 
+from hw_mocks.faults import Fault, FaultKind, FaultScript
 from hw_mocks.grbl import start_grbl
+from hw_mocks.line_faults import LINE_FAULTS
 from hw_mocks.rotator import start_rotator
 from hw_mocks.scene_file import SceneFile, load_scene_file
 from hw_mocks.sound_card import PulseSource, Sink, SoundCard, StreamServer, Synthesizer, available_paths
@@ -27,6 +29,13 @@ SETTLE_S = 0.03
 PULSE_LATENCY_S = 0.02
 PULSE_GUARD_S = 0.03
 """Frames leave the simulator in blocks of 10 ms: the frame count's estimate of their instant is up to 11 ms late."""
+
+DEVICE_FAULTS: Mapping[str, tuple[FaultKind, ...]] = {
+    "switches": (*LINE_FAULTS, FaultKind.STUCK_SWITCH),
+    "trolley": (*LINE_FAULTS, FaultKind.LOST_STEPS, FaultKind.STALL),
+    "polarizer": (*LINE_FAULTS, FaultKind.LOST_STEPS, FaultKind.STALL, FaultKind.HEAT_ALARM),
+}
+"""The faults that each simulated device can have."""
 
 
 class SimulatedRig:
@@ -74,11 +83,13 @@ class SimulatedRig:
     def _start(self, audio: Audio, serial: Kind | None) -> None:
         world, file = self.world, self.file
         self._pulse = self._open_pulse(audio)
-        self.switches = self._wire(start_switch_box(world, actuation_s=ACTUATION_S, kind=serial))
+        self._wires: dict[str, Wire] = {}
+        self.switches = self._wire("switches", start_switch_box(world, actuation_s=ACTUATION_S, kind=serial))
         self.trolley = self._wire(
-            start_grbl(world, length_m=file.rail.length_m, feed_limit_m_s=file.rail.speed_m_s, kind=serial)
+            "trolley",
+            start_grbl(world, length_m=file.rail.length_m, feed_limit_m_s=file.rail.speed_m_s, kind=serial),
         )
-        self.polarizer = self._wire(start_rotator(world, kind=serial))
+        self.polarizer = self._wire("polarizer", start_rotator(world, kind=serial))
         self.link = self._closing.enter_context(WorldServer(world))
         self.stream = StreamServer(file.audio.sample_rate_hz)
         sinks: list[Sink] = [self.stream] if self._pulse is None else [self.stream, self._pulse]
@@ -87,7 +98,8 @@ class SimulatedRig:
         self._closing.callback(self.sound_card.close)
         self.sound_card.start()
 
-    def _wire(self, wire: Wire) -> Wire:
+    def _wire(self, name: str, wire: Wire) -> Wire:
+        self._wires[name] = wire
         self._closing.callback(wire.close)
         return wire
 
@@ -106,6 +118,27 @@ class SimulatedRig:
             if audio == "pulse":
                 raise
             return None
+
+    @property
+    def faults(self) -> dict[str, FaultScript]:
+        """The fault scripts of the devices that have one; time runs from when a fault is added."""
+        return {name: wire.faults for name, wire in self._wires.items()}
+
+    def arm(self, faults: Iterable[tuple[str, Fault]]) -> None:
+        """Add faults to devices; their time runs from now.
+
+        Raises:
+            PolfuseError: there is no such device, or it cannot have such a fault; nothing has been added then.
+        """
+        faults = list(faults)
+        for name, fault in faults:
+            allowed = [kind.value for kind in DEVICE_FAULTS.get(name, ())]
+            if fault.kind.value not in allowed:
+                what = f"cannot have the fault {fault.kind.value!r}" if allowed else "is no device with faults"
+                advice = f"choose one of: {', '.join(allowed or DEVICE_FAULTS)}"
+                raise PolfuseError(what, where=f"simulated {name}", advice=advice)
+        for name, fault in faults:
+            self.faults[name].add(fault)
 
     def __enter__(self) -> SimulatedRig:
         return self

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-
 STEP_S = 0.2
 """A step between two clocks, s, beyond which one of them has been set or begun anew."""
 STEP_RATE = 2e-3

@@ -21,6 +21,14 @@ def sim(
         Literal["auto", "pulse", "tcp"],
         typer.Option(help="How the sound card is reached; auto takes the best there is."),
     ] = "auto",
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="DEVICE:KIND[:after=5s][:for=2s][:amount=X]",
+            help="A fault to practise with, such as trolley:silence:after=5s:for=2s; may be repeated. Without the s,"
+            " 'after' and 'for' count what the device does.",
+        ),
+    ] = None,
     json_: Json = False,
     debug: Debug = False,
 ) -> None:
@@ -34,8 +42,13 @@ def sim(
     import tempfile
     import threading
 
+    from hw_mocks.faults import parse_fault
     from hw_mocks.rig import SimulatedRig
 
+    try:
+        faults = [parse_fault(text) for text in fault or ()]
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--fault") from None
     stop = threading.Event()
     previous = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -43,6 +56,7 @@ def sim(
             tempfile.TemporaryDirectory(prefix="polfuse-sim-") as directory,
             SimulatedRig(scene, directory, seed=seed, audio=audio) as rig,
         ):
+            rig.arm(faults)
             rig.write_rig(rig_out)
             lines = [f"{name:13} {address}" for name, address in rig.endpoints.items()]
             text = "\n".join([f"simulated rig '{rig.file.name}', rig file {rig_out}", *lines])

@@ -46,6 +46,10 @@ class Plan(FileModel):
     """Audio frames that may be lost in one record before it is taken again."""
     retries: int = Field(default=2, ge=0, le=100)
     """How often a record is taken again before the collect stops."""
+    reconnect_wait_s: float = Field(default=120.0, ge=0, le=86_400)
+    """How long a paused collect waits for a lost device to come back, s; 0 stops at once."""
+    max_reconnects: int = Field(default=5, ge=0, le=1000)
+    """How often each device may be lost and come back before the collect stops."""
 
     @model_validator(mode="after")
     def _sound(self) -> Plan:

@@ -191,7 +191,12 @@ class Actions:
         for retry in range(self._plan.retries + 1):
             before = self._switch_state(step.channel)
             block = self._listen(frames)
-            after = self._switch_state()
+            try:
+                after = self._switch_state()
+            except DeviceError:
+                # What has been recorded is kept, but nobody can vouch for its route.
+                self._keep_sweeps(step, block, fix, flags | SweepFlag.SWITCH_UNVERIFIED)
+                raise
             flags |= _switch_flags(before, after)
             if block.overflow:
                 flags |= SweepFlag.OVERFLOW
@@ -199,11 +204,7 @@ class Actions:
             moved = bool(flags & SweepFlag.SWITCH_CHANGED)
             if lost:
                 flags |= SweepFlag.LOST
-            attempt = self._attempts[key]
-            self._keep(Sweeps(block, step.channel, step.position, fix.x_m, fix.sd_m, step.sweeps, flags, attempt))
-            self._attempts[key] += 1
-            self._sweeps += 1
-            self._samples_lost += block.lost_frames
+            self._keep_sweeps(step, block, fix, flags)
             if not lost and not moved:
                 return
             what = f"{block.lost_frames} audio frames were lost" if lost else "the switches moved during the record"
@@ -219,6 +220,14 @@ class Actions:
             if lost
             else "check the switches and their power",
         )
+
+    def _keep_sweeps(self, step: RecordSweeps, block: AudioBlock, fix: TrolleyFix, flags: SweepFlag) -> None:
+        key = (step.position, int(step.channel))
+        attempt = self._attempts[key]
+        self._keep(Sweeps(block, step.channel, step.position, fix.x_m, fix.sd_m, step.sweeps, flags, attempt))
+        self._attempts[key] += 1
+        self._sweeps += 1
+        self._samples_lost += block.lost_frames
 
     def _listen(self, frames: int) -> AudioBlock:
         radar = self._devices.radar

@@ -72,7 +72,7 @@ class Recovery:
         device = self._devices.by_kind[kind]
         self._losses[kind] += 1
         if self._losses[kind] > self._plan.max_reconnects:
-            raise _worse(error, f"for the {self._losses[kind]}. time", f"see why the {kind} is lost so often")
+            raise _worse(error, f" (lost {self._losses[kind]} times)", f"see why the {kind} is lost so often")
         if kind != "trolley":
             self._stand_still()
         wait_s = self._plan.reconnect_wait_s
@@ -110,7 +110,7 @@ class Recovery:
             except (OSError, RuntimeError, ValueError) as failure:
                 latest = DeviceLost(f"{type(failure).__name__}: {failure}", where=error.where, advice=error.advice)
             if time.monotonic() + RETRY_S > end:
-                raise _worse(latest, f"and it did not come back within {self._plan.reconnect_wait_s:g} s")
+                raise _worse(latest, f", and it did not come back within {self._plan.reconnect_wait_s:g} s")
             self._control.sleep(RETRY_S)
 
     def _await(self, attempt: Future[None], end: float) -> None:
@@ -121,7 +121,7 @@ class Recovery:
             self._control.slice()
 
     def _stand_still(self) -> None:
-        """Stop the trolley while another device is away; a trolley that cannot be told is dealt with when it is used."""
+        """Stop the trolley while another device is away; one that cannot be told fails when it is used."""
         device = self._devices.by_kind.get("trolley")
         if device is None or device.lane.busy:
             return
@@ -164,4 +164,4 @@ class Recovery:
 
 
 def _worse(error: DeviceError, what: str, advice: str | None = None) -> DeviceError:
-    return type(error)(f"{error.what}, {what}", where=error.where, advice=advice or error.advice)
+    return type(error)(error.what + what, where=error.where, advice=advice or error.advice)
