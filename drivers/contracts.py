@@ -107,7 +107,7 @@ class Camera(Device, Protocol):
         """Ask for one frame whose exposure begins after this call."""
 
     def poll(self) -> Frame | None:
-        """Return the frame asked for once it has arrived, else None. Raises when it is overdue or the camera is lost."""
+        """The frame asked for once it has arrived, else None. Raises when it is overdue or the camera is lost."""
 
     @property
     def lost_frames(self) -> int:
@@ -115,6 +115,17 @@ class Camera(Device, Protocol):
 
     def clock(self) -> ClockFix | None:
         """One pair of the camera's clock and the host's, or None where the camera has none."""
+
+
+@runtime_checkable
+class ExposureControl(Protocol):
+    """What a camera whose exposure can be set also has."""
+
+    def exposure_limits(self) -> tuple[float, float]:
+        """Shortest and longest exposure, s."""
+
+    def set_exposure(self, seconds: float) -> float:
+        """Expose so long from the next trigger on; return what the camera made of it (exposures have steps), s."""
 
 
 class Operator(Protocol):

@@ -11,18 +11,20 @@ import dataclasses
 import itertools
 import multiprocessing
 import time
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from drivers.camera import child
+from drivers.camera import child, messages
 from drivers.camera.frame_ring import FrameRing
-from drivers.errors import DeviceError, DeviceLost, DeviceTimeout
+from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost, DeviceTimeout
 from drivers.records import ClockFix, Frame, Identity
 
 _SLOTS = 4
-_CLOCK_S = 1.0
+_ANSWER_S = 1.0
 
 
 class CameraProcess:
@@ -57,7 +59,8 @@ class CameraProcess:
         self._tickets = itertools.count(1)
         self._ticket: int | None = None
         self._frame: Frame | None = None
-        self._clock: list[ClockFix | DeviceError | None] = []
+        self._waiting: int | None = None
+        self._answer: messages.ClockTold | messages.NumbersTold | DeviceError | None = None
         self._error: DeviceError | None = None
         self._lost = 0
 
@@ -77,23 +80,27 @@ class CameraProcess:
         self.close()
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(
-            target=child.run, args=(theirs, self._driver_name, self._options), name="camera", daemon=True
-        )
+        self._process = context.Process(target=child.run, args=(theirs,), name="camera", daemon=True)
         try:
             try:
                 self._process.start()
             finally:
                 # Only the camera process may hold its end, so that its death is seen as the end of the pipe.
                 theirs.close()
-            identity, shape = self._receive_opened()
-            self._ring = FrameRing(shape, slots=_SLOTS)
-            self._send("memory", self._ring.name, _SLOTS)
+            self._send(messages.Open(self._driver_name, messages.pack_options(self._options)))
+            opened = self._receive_opened()
+            self._ring = FrameRing(opened.shape, slots=_SLOTS)
+            self._send(messages.Memory(self._ring.name, _SLOTS))
         except BaseException:
             self.close()
             raise
         self._lost = 0
+        identity = opened.identity
         return dataclasses.replace(identity, detail=f"{identity.detail} (in a process of its own)".strip())
+
+    def reconnect(self) -> Identity:
+        """End the camera's process, however it is, and open the camera in a fresh one. Raises as :meth:`open`."""
+        return self.open()
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -112,7 +119,7 @@ class CameraProcess:
         self._check_alive()
         self._frame = self._error = None
         self._ticket = next(self._tickets)
-        self._send("trigger", self._ticket)
+        self._send(messages.Trigger(self._ticket))
 
     def poll(self) -> Frame | None:
         """The frame asked for once it has arrived, else None.
@@ -133,23 +140,46 @@ class CameraProcess:
 
     def clock(self) -> ClockFix | None:
         """One pair of the camera's clock and the host's, or None where the camera has none."""
+        answer = self._ask(messages.TellClock, "did not tell its time")
+        return answer.fix if isinstance(answer, messages.ClockTold) else None
+
+    def exposure_limits(self) -> tuple[float, float]:
+        """Shortest and longest exposure, s. Raises :class:`DeviceRefused` when its driver cannot set the exposure."""
+        low, high = self._numbers(messages.TellLimits, 2, "did not tell its shortest and longest exposure")
+        return low, high
+
+    def set_exposure(self, seconds: float) -> float:
+        """Expose so long from the next trigger on; what the camera made of it, s. Raises as the driver does."""
+        (exposure_s,) = self._numbers(partial(messages.SetExposure, seconds=seconds), 1, "did not take its exposure")
+        return exposure_s
+
+    def _numbers(self, make: Callable[[int], messages.Request], count: int, failure: str) -> tuple[float, ...]:
+        answer = self._ask(make, failure)
+        if not isinstance(answer, messages.NumbersTold) or len(answer.numbers) != count:
+            raise DeviceBadAnswer(failure, where=self._where, advice="open it again")
+        return answer.numbers
+
+    def _ask(self, make: Callable[[int], messages.Request], failure: str) -> messages.ClockTold | messages.NumbersTold:
+        """Ask, and wait for the answer. Raises what the driver raised, DeviceTimeout or DeviceLost."""
         self._check_alive()
-        self._clock.clear()
-        self._send("clock")
-        deadline = time.monotonic() + _CLOCK_S
+        self._answer = None
+        self._waiting = next(self._tickets)
+        self._send(make(self._waiting))
+        deadline = time.monotonic() + _ANSWER_S
         assert self._pipe is not None
-        while not self._clock:
-            self._receive()
-            if self._clock:
-                break
-            self._check_alive()
-            if time.monotonic() > deadline:
-                raise DeviceTimeout(
-                    f"did not tell its time within {_CLOCK_S:g} s", where=self._where, advice="try again"
-                )
-            with suppress(OSError):
-                self._pipe.poll(0.01)
-        answer = self._clock[0]
+        try:
+            while self._answer is None:
+                with suppress(OSError):
+                    self._pipe.poll(0.01)
+                self._receive()
+                if self._answer is not None:
+                    break
+                self._check_alive()
+                if time.monotonic() > deadline:
+                    raise DeviceTimeout(f"{failure} within {_ANSWER_S:g} s", where=self._where, advice="try again")
+            answer = self._answer
+        finally:
+            self._waiting = self._answer = None
         if isinstance(answer, DeviceError):
             raise answer
         return answer
@@ -158,7 +188,7 @@ class CameraProcess:
         """Forget the frame asked for. Never raises."""
         self._ticket = self._frame = self._error = None
         with suppress(DeviceError):
-            self._send("make_safe")
+            self._send(messages.Safe())
 
     def close(self) -> None:
         """Close the driver and end its process, by force if it must be; remove the shared memory. Never raises."""
@@ -167,7 +197,7 @@ class CameraProcess:
         self._ticket = self._frame = self._error = None
         if pipe is not None:
             with suppress(OSError, ValueError):
-                pipe.send(("close",))
+                messages.say(pipe, messages.Close())
         if process is not None and process.pid is not None:
             hung = ring is not None and ring.silence_s() > self._watchdog_s
             for wait_s, more in ((0.2 if hung else self._close_timeout_s, process.terminate), (0.5, process.kill)):
@@ -187,7 +217,7 @@ class CameraProcess:
     def _where(self) -> str:
         return f"camera process ({self._driver_name})"
 
-    def _receive_opened(self) -> tuple[Identity, tuple[int, int]]:
+    def _receive_opened(self) -> messages.Opened:
         assert self._pipe is not None
         if not self._pipe.poll(self._open_timeout_s):
             raise DeviceTimeout(
@@ -196,18 +226,20 @@ class CameraProcess:
                 advice="check cable and power, and that no other program uses the camera",
             )
         try:
-            word, *values = self._pipe.recv()
+            answer = messages.hear_answer(self._pipe)
         except (EOFError, OSError):
             raise self._died() from None
-        if word == "error":
-            raise values[1]
-        return values[0], values[1]
+        if isinstance(answer, messages.Failed):
+            raise answer.error()
+        if not isinstance(answer, messages.Opened):
+            raise DeviceBadAnswer("did not say that it is open", where=self._where, advice="open it again")
+        return answer
 
-    def _send(self, *message: Any) -> None:
+    def _send(self, message: messages.Request) -> None:
         if self._pipe is None:
             raise self._closed()
         try:
-            self._pipe.send(message)
+            messages.say(self._pipe, message)
         except (OSError, ValueError):
             raise self._died() from None
 
@@ -217,17 +249,25 @@ class CameraProcess:
             raise self._closed()
         try:
             while self._pipe.poll(0):
-                word, *values = self._pipe.recv()
-                if word == "clock":
-                    self._clock.append(values[0])
-                elif word == "frame":
-                    ticket, number, frame, dtype, self._lost = values
-                    if ticket == self._ticket:
-                        self._frame = dataclasses.replace(frame, image=self._ring.get(number, dtype))
-                elif values[0] in (0, self._ticket):
-                    self._error = values[1]
+                self._take(messages.hear_answer(self._pipe))
         except (EOFError, OSError):
             raise self._died() from None
+
+    def _take(self, answer: messages.Answer) -> None:
+        assert self._ring is not None
+        match answer:
+            case messages.ClockTold() | messages.NumbersTold():
+                if answer.ticket == self._waiting:
+                    self._answer = answer
+            case messages.FrameTaken():
+                self._lost = answer.lost
+                if answer.ticket == self._ticket:
+                    self._frame = answer.frame(self._ring.get(answer.number, answer.dtype))
+            case messages.Failed():
+                if answer.ticket == self._waiting:
+                    self._answer = answer.error()
+                elif answer.ticket in (0, self._ticket):
+                    self._error = answer.error()
 
     def _check_alive(self) -> None:
         if self._process is None or self._ring is None:

@@ -185,7 +185,7 @@ def test_what_the_driver_raises_arrives_as_it_was_raised() -> None:
     ("driver", "options", "words"),
     [
         ("no such driver", Options(), "no camera driver is called"),
-        ("harvesters", "not options", "driver failed with"),
+        ("harvesters", "not options", "options are str, not the driver"),
         ("harvesters", Options(exposure_s=-1.0), "exposure_s: found -1.0"),
     ],
 )
