@@ -7,7 +7,9 @@ from typing import Any
 
 from drivers.errors import DeviceRefused
 
-NATIVE_RATE_APIS = ("Windows WASAPI", "Core Audio", "JACK Audio Connection Kit", "ASIO")
+JACK = "JACK Audio Connection Kit"
+ALSA = "ALSA"
+NATIVE_RATE_APIS = ("Windows WASAPI", "Core Audio", JACK, "ASIO")
 """Host APIs whose default rate is the rate at which the device runs; at any other rate they resample or refuse."""
 RESAMPLING_APIS = ("MME", "Windows DirectSound")
 """Host APIs that resample without a word, and do not tell the device's own rate."""
@@ -20,6 +22,8 @@ class SoundCard:
     index: int
     name: str
     detail: str
+    api: str
+    """PortAudio's host API."""
 
 
 def find_device(sounddevice: Any, name: str, sample_rate_hz: float, where: str) -> SoundCard:
@@ -39,15 +43,20 @@ def find_device(sounddevice: Any, name: str, sample_rate_hz: float, where: str) 
         )
     native = float(device["default_samplerate"])
     if api in NATIVE_RATE_APIS and abs(native - sample_rate_hz) > 0.5:
-        raise DeviceRefused(
-            f"{device['name']} runs at {native:g} Hz and would be resampled to {sample_rate_hz:g} Hz",
-            where=where,
-            advice=f"set radar.sample_rate_hz = {native:g}, or the sound card to {sample_rate_hz:g} Hz",
-        )
+        raise resampled(str(device["name"]), native, sample_rate_hz, where)
     detail = f"{api}, {sample_rate_hz:g} Hz"
     if api in RESAMPLING_APIS:
         detail += "; this host API resamples without saying so: set the device to this rate in the system's settings"
-    return SoundCard(int(device["index"]), str(device["name"]), detail)
+    return SoundCard(int(device["index"]), str(device["name"]), detail, api)
+
+
+def resampled(name: str, native_hz: float, sample_rate_hz: float, where: str) -> DeviceRefused:
+    """The refusal of a sound card that runs at another rate than asked for."""
+    return DeviceRefused(
+        f"{name} runs at {native_hz:g} Hz and would be resampled to {sample_rate_hz:g} Hz",
+        where=where,
+        advice=f"set radar.sample_rate_hz = {native_hz:g}, or the sound card to {sample_rate_hz:g} Hz",
+    )
 
 
 def _choose(inputs: list[Any], apis: list[str], name: str, sounddevice: Any, where: str) -> Any:

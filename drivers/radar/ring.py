@@ -1,8 +1,8 @@
 """A ring of samples with one writer (the sound card's callback) and one reader, without locks.
 
-The writer copies and counts, nothing else: it runs on the audio thread, which must never wait. Counters are plain
-integers that only the writer changes, and it changes them after the samples are in place, so the reader never sees a
-count ahead of its samples.
+The writer copies and counts, nothing else: it runs on the audio thread, which must never wait. All memory is there from
+the beginning. Counters are plain integers that only the writer changes, and it changes them after the samples are in
+place, so the reader never sees a count ahead of its samples.
 """
 
 from __future__ import annotations
@@ -33,7 +33,12 @@ class SampleRing:
 
     def __init__(self, capacity: int, channels: int, dtype: DTypeLike, arrivals: int = 4096) -> None:
         self._samples = np.zeros((capacity, channels), dtype=dtype)
-        self._arrivals: list[Arrival | None] = [None] * arrivals
+        # One column for each field of an arrival.
+        self._firsts = np.zeros(arrivals, np.int64)
+        self._frames = np.zeros(arrivals, np.int64)
+        self._host_ns = np.zeros(arrivals, np.int64)
+        self._adc_ages = np.zeros(arrivals, np.float64)
+        self._overflows = np.zeros(arrivals, np.bool_)
         self._written = 0
         self._arrived = 0
 
@@ -55,8 +60,8 @@ class SampleRing:
     @property
     def last_ns(self) -> int | None:
         """Host time of the newest callback; None before the first."""
-        newest = self._arrivals[(self._arrived - 1) % len(self._arrivals)] if self._arrived else None
-        return None if newest is None else newest.host_ns
+        arrived = self._arrived
+        return int(self._host_ns[(arrived - 1) % len(self._host_ns)]) if arrived else None
 
     def write(self, block: NDArray[np.generic], host_ns: int, adc_age_s: float, overflow: bool) -> None:
         """Append a block (frames, channels), at most ``capacity`` frames. Called by the writer only."""
@@ -66,7 +71,12 @@ class SampleRing:
         self._samples[start : start + head] = block[:head]
         if head < frames:
             self._samples[: frames - head] = block[head:]
-        self._arrivals[self._arrived % len(self._arrivals)] = Arrival(first, frames, host_ns, adc_age_s, overflow)
+        slot = self._arrived % len(self._firsts)
+        self._firsts[slot] = first
+        self._frames[slot] = frames
+        self._host_ns[slot] = host_ns
+        self._adc_ages[slot] = adc_age_s
+        self._overflows[slot] = overflow
         self._written = first + frames
         self._arrived += 1
 
@@ -74,9 +84,9 @@ class SampleRing:
         """Callbacks number ``since`` and later that are still known, and the number of the next one to come."""
         arrived = self._arrived
         # A quarter is left free, into which the writer may come round meanwhile.
-        oldest = max(since, arrived - 3 * len(self._arrivals) // 4)
-        found = [self._arrivals[i % len(self._arrivals)] for i in range(oldest, arrived)]
-        return [arrival for arrival in found if arrival is not None], arrived
+        slots = np.arange(max(since, arrived - 3 * len(self._firsts) // 4), arrived) % len(self._firsts)
+        columns = (self._firsts, self._frames, self._host_ns, self._adc_ages, self._overflows)
+        return [Arrival(*row) for row in zip(*(column[slots].tolist() for column in columns), strict=True)], arrived
 
     def read(self, first: int, frames: int) -> NDArray[np.generic] | None:
         """Copy of frames ``first`` to ``first + frames`` (all written already); None if overwritten meanwhile."""

@@ -18,19 +18,18 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
-from drivers.errors import DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
+from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
 from drivers.options import checked
-from drivers.radar import portaudio
-from drivers.radar.devices import find_device
+from drivers.radar import pace, portaudio
+from drivers.radar.devices import ALSA, JACK, SoundCard, find_device, resampled
+from drivers.radar.health import SignalHealth, examine_signal, level_of
 from drivers.radar.ring import SampleRing
-from drivers.radar.signal_level import level_of, refuse_dead
 from drivers.radar.stream_clock import StreamClock
+from drivers.radar.true_rate import card_rate_hz
 from drivers.records import AudioBlock, ClockFix, Identity, Level
 
 CHANNELS = 2
 SETTLE_TIMEOUT_S = 4.0
-SETTLE_SPAN_S = 0.4
-SETTLE_SPREAD_S = 0.008
 
 
 @dataclass
@@ -90,6 +89,7 @@ class SoundPort:
         self._ended, self._closing = threading.Event(), threading.Event()
         self._released, self._holding = 0, False
         self._request: _Request | None = None
+        self._longest_callback_ns = 0
 
     # -- opening and closing ------------------------------------------------------------------------------------------
 
@@ -107,7 +107,8 @@ class SoundPort:
             sounddevice = portaudio.acquire(self._options.environment)
             try:
                 device = find_device(sounddevice, self._options.device, self._options.sample_rate_hz, self._where)
-                self._start(sounddevice, device.index)
+                self._start(sounddevice, device)
+                self._refuse_resampling(device)
                 self._settle()
             except BaseException:
                 if self._stream is None:
@@ -116,13 +117,16 @@ class SoundPort:
                 raise
             return Identity("radar", "sounddevice", device.name, device.detail)
 
-    def _start(self, sounddevice: Any, index: int) -> None:
+    def _start(self, sounddevice: Any, device: SoundCard) -> None:
         options = self._options
         capacity = max(int(options.ring_s * options.sample_rate_hz), 4 * options.block_frames, 4096)
         self._ring = ring = SampleRing(capacity, CHANNELS, options.sample_format)
-        self._clock = StreamClock(options.sample_rate_hz, paced=options.check_pace)
+        # A JACK server has a block length of its own, and loses whole blocks.
+        by_jack = device.api == JACK
+        self._clock = StreamClock(options.sample_rate_hz, paced=options.check_pace, whole_blocks=by_jack)
         self._next_arrival = 0
         self._request = None
+        self._longest_callback_ns = 0
         self._ended = ended = threading.Event()
 
         self._closing = closing = threading.Event()
@@ -137,14 +141,15 @@ class SoundPort:
                 self._holding = False
             age_s = times.currentTime - times.inputBufferAdcTime if times.inputBufferAdcTime > 0 else float("nan")
             ring.write(samples, host_ns, age_s, bool(status.input_overflow))
+            self._longest_callback_ns = max(self._longest_callback_ns, time.monotonic_ns() - host_ns)
 
         def start() -> Any:
             stream = sounddevice.InputStream(
-                device=index,
+                device=device.index,
                 samplerate=options.sample_rate_hz,
                 channels=CHANNELS,
                 dtype=options.sample_format,
-                blocksize=options.block_frames,
+                blocksize=0 if by_jack else options.block_frames,
                 latency=options.latency_s,
                 clip_off=True,
                 dither_off=True,
@@ -171,6 +176,15 @@ class SoundPort:
                 advice="choose a rate and format that the sound card has, and close other programs that use it",
             ) from error
 
+    def _refuse_resampling(self, device: SoundCard) -> None:
+        """Refuse a sound card that runs at another rate, where the sound system can be asked."""
+        if device.api != ALSA or not self._options.check_pace:
+            return
+        rate = self._options.sample_rate_hz
+        native = card_rate_hz()
+        if native is not None and abs(native - rate) > 0.5:
+            raise resampled(device.name, native, rate, self._where)
+
     def _settle(self) -> None:
         """Wait until the backlog of the start is gone and the pace agrees with the host's clock."""
         rate = self._options.sample_rate_hz
@@ -178,37 +192,25 @@ class SoundPort:
         while True:
             time.sleep(0.01)
             arrivals, following = self._ring.arrivals(0)
-            if not self._options.check_pace and arrivals:
+            used = arrivals if not self._options.check_pace else pace.settled(arrivals, rate)
+            if used:
                 break
-            newest_ns = arrivals[-1].host_ns if arrivals else 0
-            recent = [a for a in arrivals if newest_ns - a.host_ns < SETTLE_SPAN_S * 1e9]
-            if arrivals and newest_ns - arrivals[0].host_ns >= SETTLE_SPAN_S * 1e9:
-                least = [np.inf] * 4
-                for a in recent:
-                    quarter = 3 - int(4 * (newest_ns - a.host_ns) / (SETTLE_SPAN_S * 1e9))
-                    late_s = (a.host_ns - newest_ns) * 1e-9 - (a.first + a.frames) / rate
-                    least[quarter] = min(least[quarter], late_s)
-                if max(least) - min(least) < SETTLE_SPREAD_S:
-                    arrivals = recent
-                    break
             self._require_running()
             if time.monotonic() > deadline:
-                self._refuse_pace([a for a in arrivals if newest_ns - a.host_ns < 2e9])
-        for arrival in arrivals:
+                self._refuse_pace(pace.rate_hz(arrivals))
+        for arrival in used:
             self._clock.add(arrival)
         self._next_arrival = following
 
-    def _refuse_pace(self, arrivals: list[Any]) -> None:
-        if len(arrivals) < 2:
+    def _refuse_pace(self, rate_hz: float | None) -> None:
+        if rate_hz is None:
             raise DeviceTimeout(
                 f"delivers no samples ({SETTLE_TIMEOUT_S:g} s)",
                 where=self._where,
                 advice="check that the sound card records: input selected, not muted, not held by another program",
             )
-        frames = arrivals[-1].first + arrivals[-1].frames - arrivals[0].first - arrivals[0].frames
-        seconds = max((arrivals[-1].host_ns - arrivals[0].host_ns) * 1e-9, 1e-9)
         raise DeviceRefused(
-            f"delivers {frames / seconds:.0f} samples a second, not {self._options.sample_rate_hz:.0f}",
+            f"delivers {rate_hz:.0f} samples a second, not {self._options.sample_rate_hz:.0f}",
             where=self._where,
             advice="set radar.sample_rate_hz to the rate at which the sound card really runs",
         )
@@ -240,6 +242,11 @@ class SoundPort:
     def sample_rate_hz(self) -> float:
         """Nominal sample rate of the open stream, Hz."""
         return self._options.sample_rate_hz
+
+    @property
+    def longest_callback_s(self) -> float:
+        """Longest that the callback has kept the audio thread since the stream was opened, s."""
+        return self._longest_callback_ns * 1e-9
 
     @property
     def lost_frames(self) -> int:
@@ -358,17 +365,28 @@ class SoundPort:
         recent = self._recent(0.1)
         return Level() if recent is None else level_of(recent)
 
-    def check_signal(self) -> None:
-        """Refuse what cannot be a radar's beat and sync, judged by the last fifth of a second.
+    def health(self, nominal_period_s: float | None = None, ramp_up_s: float | None = None) -> SignalHealth:
+        """What the last two seconds say about the signal; see :func:`drivers.radar.health.examine_signal`.
 
         Raises:
-            DeviceBadAnswer: one or both channels are silent, or both carry the same signal.
             DeviceTimeout: nothing has been sampled yet.
         """
-        recent = self._recent(0.2)
+        recent = self._recent(2.0)
         if recent is None:
             raise DeviceTimeout("no samples yet", where=self._where, advice="try again in a second")
-        refuse_dead(recent, self._where)
+        rate = self._options.sample_rate_hz
+        return examine_signal(recent, rate, nominal_period_s=nominal_period_s, ramp_up_s=ramp_up_s)
+
+    def check_signal(self, nominal_period_s: float | None = None) -> None:
+        """Refuse what cannot be a radar's beat and sync, judged by the last two seconds.
+
+        Raises:
+            DeviceBadAnswer: a dead channel, identical channels, no sync, or not the sweeps' rhythm.
+            DeviceTimeout: nothing has been sampled yet.
+        """
+        error = self.health(nominal_period_s).error
+        if error is not None:
+            raise DeviceBadAnswer(error.what, where=self._where, advice=error.advice)
 
     def _recent(self, seconds: float) -> NDArray[np.generic] | None:
         """The last samples; None before there are any."""

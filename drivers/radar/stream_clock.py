@@ -40,8 +40,16 @@ class Loss:
 class StreamClock:
     """Follows one stream. Frames are numbered as received; ``lost`` says how many are missing besides."""
 
-    def __init__(self, sample_rate_hz: float, *, paced: bool = True) -> None:
+    def __init__(self, sample_rate_hz: float, *, paced: bool = True, whole_blocks: bool = False) -> None:
+        """Follow a stream of a nominal rate.
+
+        Args:
+            sample_rate_hz: nominal rate, Hz.
+            paced: whether arrivals tell the time (a file device's do not).
+            whole_blocks: whether the host API loses whole callbacks only (JACK), which sizes a loss to the frame.
+        """
         self._rate = sample_rate_hz
+        self._whole_blocks = whole_blocks
         self._paced = paced
         self._origin_ns: float | None = None
         self._reference_ns = 0
@@ -145,6 +153,8 @@ class StreamClock:
         if abs(adc_jump_s - missing_s) < LOSS_THRESHOLD_S:
             missing_s = adc_jump_s
         frames = max(round(missing_s * self._rate), 1)
+        if self._whole_blocks and (blocks := round(frames / where.frames)):
+            frames = blocks * where.frames
         self.losses.append(Loss(where.first, where.first + where.frames, frames))
         self.lost += frames
         self._suspects.clear()

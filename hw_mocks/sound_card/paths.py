@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import ctypes.util
+import importlib.util
 import shutil
 import sys
 from pathlib import Path
 
 
 def available_paths() -> tuple[str, ...]:
-    """Names of the usable audio paths, best first: ``"pulse"``, ``"alsa_file"`` (not paced), ``"tcp"``.
+    """Names of the usable audio paths, best first: ``"pulse"``, ``"alsa_file"`` (not paced), ``"jack"``, ``"tcp"``.
 
-    The first two need Linux, PortAudio and ALSA; ``"pulse"`` also the PulseAudio daemon and its ALSA plugin.
+    All but the last need Linux and PortAudio, the first two also ALSA; ``"pulse"`` the PulseAudio daemon and its ALSA
+    plugin; ``"jack"`` the JACK server and the Python package JACK-Client.
     """
     paths = ["tcp"]
-    if sys.platform.startswith("linux") and ctypes.util.find_library("portaudio") and system_alsa_conf().is_file():
+    if not sys.platform.startswith("linux") or not ctypes.util.find_library("portaudio"):
+        return tuple(paths)
+    if shutil.which("jackd") and shutil.which("sh") and importlib.util.find_spec("jack"):
+        paths.insert(0, "jack")
+    if system_alsa_conf().is_file():
         paths.insert(0, "alsa_file")
         if shutil.which("pulseaudio") and shutil.which("sh") and _plugin_installed():
             paths.insert(0, "pulse")

@@ -5,28 +5,18 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import shutil
-import signal
-import subprocess
-import tempfile
-import time
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hw_mocks.sound_card.daemon import Daemon
 from hw_mocks.sound_card.paths import alsa_environment
-from polfuse_lab.errors import PolfuseError
+from hw_mocks.sound_card.sample_formats import PULSE_NAMES, SampleFormat, encode, frame_bytes
 
 DEVICE = "polfuse_radar"
 BACKLOG_S = 1.0
 PIPE_S = 0.02
 """Length of the FIFO: short, since its content is what a recorder gets first."""
-
-# The shell outlives a killed simulator just long enough to end the server: its standard input is then at its end.
-SCRIPT = (
-    'pulseaudio "$@" </dev/null & pid=$!; echo $pid; cat >/dev/null; kill $pid; wait $pid; rm -rf -- "$POLFUSE_PULSE"'
-)
 
 
 class PulseSource:
@@ -34,94 +24,103 @@ class PulseSource:
 
     ``device`` and ``environment`` are the options with which :class:`drivers.radar.sound_port.SoundPort` reaches it.
 
+    Args:
+        sample_rate_hz: rate at which the server runs its source, Hz; a recorder at another rate gets resampled samples.
+        sample_format: the source's own sample format.
+        timeout_s: time for the server to start, s.
+
     Raises:
         PolfuseError: the server does not start.
     """
 
     device = DEVICE
 
-    def __init__(self, sample_rate_hz: float, *, timeout_s: float = 10.0) -> None:
+    def __init__(
+        self, sample_rate_hz: float, *, sample_format: SampleFormat = "int16", timeout_s: float = 10.0
+    ) -> None:
         self._rate = sample_rate_hz
+        self._format: SampleFormat = sample_format
+        self._frame = frame_bytes(sample_format)
+        self._timeout_s = timeout_s
         self._pending = bytearray()
         self._pipe = -1
+        self._written = 0
         self.lost_frames = 0
-        self._directory = Path(tempfile.mkdtemp(prefix="polfuse-pulse-"))
-        conf = self._directory / "asound.conf"
-        socket = self._directory / "native"
-        conf.write_text(
-            f'pcm.{DEVICE} {{ type pulse server "unix:{socket}" device "{DEVICE}" '
+        self._daemon = Daemon("pulseaudio")
+        self._socket = self._daemon.directory / "native"
+        self._fifo = self._daemon.directory / "samples"
+        conf = self._daemon.directory / "asound.conf"
+        private = {
+            "XDG_RUNTIME_DIR": str(self._daemon.directory),
+            "PULSE_COOKIE": str(self._daemon.directory / "cookie"),
+            "PULSE_SERVER": f"unix:{self._socket}",
+        }
+        self._conf = conf
+        self.environment = {**alsa_environment(conf), **private}
+        self.plug_in()
+
+    @property
+    def pid(self) -> int:
+        """Process id of the server."""
+        return self._daemon.pid
+
+    def plug_in(self) -> None:
+        """Start the server: at first, and again after :meth:`kill`, at the same address.
+
+        Raises:
+            PolfuseError: it does not start.
+        """
+        self._hang_up()
+        for stale in (self._socket, self._fifo):
+            stale.unlink(missing_ok=True)
+        self._daemon.start(
+            self._command(),
+            self.environment,
+            lambda: self._socket.exists() and self._fifo.exists(),
+            timeout_s=self._timeout_s,
+            advice="use the simulated rig with audio = 'tcp'",
+        )
+        self._conf.write_text(
+            f'pcm.{DEVICE} {{ type pulse server "unix:{self._socket}" device "{DEVICE}" '
             f'hint {{ show on description "{DEVICE}" }} }}\n',
             encoding="utf-8",
         )
-        private = {"XDG_RUNTIME_DIR": str(self._directory), "PULSE_COOKIE": str(self._directory / "cookie")}
-        self.environment = {**alsa_environment(conf), **private}
-        self._shell = self._launch(socket, sample_rate_hz)
-        assert self._shell.stdout is not None
-        self.pid = int(self._shell.stdout.readline())
-        self._await(socket, timeout_s)
+        self._pending.clear()
+        self._written = 0
         self._pipe = os.open(self._fifo, os.O_RDWR | os.O_NONBLOCK)
         self._shorten()
 
-    @property
-    def _fifo(self) -> Path:
-        return self._directory / "samples"
-
-    def _launch(self, socket: Path, rate: float) -> subprocess.Popen[bytes]:
-        source = f"source_name={DEVICE} file={self._fifo} format=s16le rate={rate:.0f} channels=2"
-        arguments = [
+    def _command(self) -> list[str]:
+        rate = f"rate={self._rate:.0f} channels=2 format={PULSE_NAMES[self._format]}"
+        return [
+            "pulseaudio",
             *("-n", "--daemonize=no", "--use-pid-file=no", "--exit-idle-time=-1", "--realtime=no"),
             *("--high-priority=no", "--disable-shm=yes", "--log-target=stderr", "--log-level=error"),
-            *("-L", f"module-native-protocol-unix socket={socket} auth-anonymous=1"),
-            *("-L", f"module-pipe-source {source}"),
+            *("-L", f"module-native-protocol-unix socket={self._socket} auth-anonymous=1"),
+            *("-L", f"module-pipe-source source_name={DEVICE} file={self._fifo} {rate}"),
         ]
-        home = {"HOME": str(self._directory), "POLFUSE_PULSE": str(self._directory)}
-        with (self._directory / "log").open("wb") as log:
-            return subprocess.Popen(
-                ["sh", "-c", SCRIPT, "sh", *arguments],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=log,
-                env={**os.environ, **self.environment, **home},
-                # Ctrl-C at the terminal is for the simulator, which then ends its server in order.
-                start_new_session=True,
-            )
-
-    def _await(self, socket: Path, timeout_s: float) -> None:
-        deadline = time.monotonic() + timeout_s
-        while not (socket.exists() and self._fifo.exists()):
-            if time.monotonic() > deadline:
-                said = (self._directory / "log").read_text(encoding="utf-8", errors="replace").strip()
-                self.close()
-                raise PolfuseError(
-                    f"does not start ({said.splitlines()[-1] if said else 'it says nothing'})",
-                    where="pulseaudio",
-                    advice="use the simulated rig with audio = 'tcp'",
-                )
-            time.sleep(0.005)
 
     def _shorten(self) -> None:
         import fcntl
 
         wanted = 4096
-        while wanted < PIPE_S * self._rate * 4:
+        while wanted < PIPE_S * self._rate * self._frame:
             wanted *= 2
         with contextlib.suppress(OSError, AttributeError):
             fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, wanted)
 
-    def put(self, samples: NDArray[np.int16], first: int, t_ns: int) -> None:
+    def put(self, samples: NDArray[np.generic], first: int, t_ns: int) -> None:
         """Write a block; see :class:`hw_mocks.sound_card.feeder.Sink`."""
-        self._pending += np.ascontiguousarray(samples, dtype="<i2").tobytes()
-        surplus = len(self._pending) - int(BACKLOG_S * self._rate) * 4
+        self._pending += encode(samples, self._format)
+        surplus = len(self._pending) - int(BACKLOG_S * self._rate) * self._frame
         if surplus > 0:
             # Nobody listens, or the server stalls. The head may belong to a frame that is half in the pipe: whole
             # frames after it are dropped.
-            head = (-self._written) % 4
-            dropped = (surplus + 3) // 4 * 4
+            head = (-self._written) % self._frame
+            dropped = (surplus + self._frame - 1) // self._frame * self._frame
             del self._pending[head : head + dropped]
-            self.lost_frames += dropped // 4
+            self.lost_frames += dropped // self._frame
         self.flush()
-
-    _written = 0
 
     def flush(self) -> bool:
         """Write what fits into the FIFO; whether anything still waits."""
@@ -138,22 +137,19 @@ class PulseSource:
 
     def kill(self) -> None:
         """Fault: end the server at once, as if the sound card had been unplugged."""
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(self.pid, signal.SIGKILL)
+        self._daemon.kill()
+
+    def unplug(self) -> None:
+        """Fault: the same; see :class:`hw_mocks.sound_card.feeder.Sink`."""
+        self._daemon.kill()
+        self._hang_up()
 
     def close(self) -> None:
         """End the server and remove its files. Idempotent."""
+        self._hang_up()
+        self._daemon.close()
+
+    def _hang_up(self) -> None:
         if self._pipe >= 0:
             os.close(self._pipe)
             self._pipe = -1
-        if self._shell.stdin is not None:
-            self._shell.stdin.close()
-        try:
-            self._shell.wait(timeout=3)
-        except subprocess.TimeoutExpired:
-            self.kill()
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._shell.wait(timeout=3)
-        if self._shell.stdout is not None:
-            self._shell.stdout.close()
-        shutil.rmtree(self._directory, ignore_errors=True)

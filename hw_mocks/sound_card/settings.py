@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field, model_validator
 
 from polfuse_lab.rig import FileModel
 
 
 class AudioSettings(FileModel):
-    """The radar's audio port as simulated: channel 0 beat, channel 1 sync, 16 bits."""
+    """The radar's audio port as simulated: beat and sync, 16 bits."""
 
     sample_rate_hz: float = Field(default=48_000.0, ge=8_000, le=384_000)
     """Nominal sample rate, Hz."""
@@ -22,6 +24,10 @@ class AudioSettings(FileModel):
     """Length of a sync edge, samples."""
     sync_noise: float = Field(default=0.0005, ge=0, le=1)
     """Noise of the sync channel, rms, fraction of full scale."""
+    sync_channel: Literal[0, 1] = 1
+    """Channel that carries the sync; the other one carries the beat."""
+    sync_inverted: bool = False
+    """Whether the sync is low during the up-ramp."""
     clock_drift_ppm: float = Field(default=0.0, ge=-1000, le=1000)
     """How much faster the sound card's clock runs than the computer's, parts per million."""
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw_mocks.loopback import MAX_LINE, Address, listen, token_matches
+from hw_mocks.sound_card.sample_formats import encode
 
 HEADER = struct.Struct("<QqI")
 BACKLOG_S = 2.0
@@ -38,6 +39,7 @@ class StreamServer:
         self._server, self._address = listen()
         self._server.setblocking(False)
         self._clients: list[_Client] = []
+        self._unplugged = False
 
     @property
     def url(self) -> str:
@@ -49,10 +51,10 @@ class StreamServer:
         """The same as parts."""
         return self._address
 
-    def put(self, samples: NDArray[np.int16], first: int, t_ns: int) -> None:
+    def put(self, samples: NDArray[np.generic], first: int, t_ns: int) -> None:
         """Send a block to every client; see :class:`hw_mocks.sound_card.feeder.Sink`."""
         self._accept()
-        message = HEADER.pack(first, t_ns, len(samples)) + np.ascontiguousarray(samples, dtype="<i2").tobytes()
+        message = HEADER.pack(first, t_ns, len(samples)) + encode(samples, "int16")
         limit = int(BACKLOG_S * self._rate) * 4
         for client in self._clients:
             if client.listening and len(client.pending) < limit:
@@ -74,17 +76,33 @@ class StreamServer:
                 self._clients.remove(client)
         return any(client.pending for client in self._clients)
 
+    def unplug(self) -> None:
+        """Fault: hang up on everybody, and on whoever calls, until :meth:`plug_in`."""
+        self._unplugged = True
+        self._hang_up()
+
+    def plug_in(self) -> None:
+        """Answer again."""
+        self._accept()
+        self._unplugged = False
+
     def close(self) -> None:
         """Hang up on everybody. Idempotent."""
+        self._hang_up()
+        self._server.close()
+
+    def _hang_up(self) -> None:
         for client in self._clients:
             client.connection.close()
         self._clients.clear()
-        self._server.close()
 
     def _accept(self) -> None:
         with contextlib.suppress(OSError):
             while True:
                 connection, _ = self._server.accept()
+                if self._unplugged:
+                    connection.close()
+                    continue
                 connection.setblocking(False)
                 connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 self._clients.append(_Client(connection))

@@ -56,7 +56,8 @@ class Synthesizer:
         # Exact in integers: phase of sample n is (n * noise_cycle mod cycle) / noise_cycle samples.
         phase_s = (np.arange(count) * audio.noise_cycle % count) / (audio.noise_cycle * audio.sample_rate_hz)
         self._frequency_hz, self._slope_hz_s = self.sweep.frequency(phase_s)
-        self._sync = audio.sync_amplitude * sync(self.sweep, phase_s, audio.sync_edge_samples / audio.sample_rate_hz)
+        level = sync(self.sweep, phase_s, audio.sync_edge_samples / audio.sample_rate_hz)
+        self._sync = audio.sync_amplitude * (-level if audio.sync_inverted else level)
         front_end = scene.front_end
         self._coupling = beat_of_ranges(
             self._frequency_hz, self._slope_hz_s, [front_end.coupling_range_m], [front_end.coupling]
@@ -84,7 +85,7 @@ class Synthesizer:
                     samples[part] = self._standing(place, transmit, receive)[within[part]]
                 else:
                     samples[part] = self._moving(x_m[part], transmit, receive, within[part])
-        return samples
+        return samples if self._audio.sync_channel == 1 else np.ascontiguousarray(samples[:, ::-1])
 
     def _routes(self, t_ns: int, offsets_ns: NDArray[np.int64]) -> Iterator[tuple[int, int, str, str]]:
         """Runs of samples during which both switches stand."""
