@@ -10,7 +10,6 @@ import socket
 import threading
 import time
 from collections import Counter
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,80 +17,20 @@ from hw_mocks.faults import FaultKind, FaultScript
 from hw_mocks.gige_camera import bootstrap as gev
 from hw_mocks.gige_camera.acquisition import LINE, SOFTWARE, Acquisition
 from hw_mocks.gige_camera.bootstrap import GVCP_PORT, Bootstrap, RegisterError, Status
+from hw_mocks.gige_camera.broadcast import broadcast_socket
 from hw_mocks.gige_camera.clock import TickClock
 from hw_mocks.gige_camera.features import CHUNKS, make_features
 from hw_mocks.gige_camera.gvcp import ACK_REQUIRED, Command, GvcpServer, Peer, pending
-from hw_mocks.gige_camera.pixel_packing import PixelFormat
 from hw_mocks.gige_camera.registers import Registers
 from hw_mocks.gige_camera.render import FrameSource, SceneView
-from hw_mocks.gige_camera.sender import Link, PacketSender
-from hw_mocks.sensor import Sensor
+from hw_mocks.gige_camera.sender import PacketSender
+from hw_mocks.gige_camera.settings import Optics, Settings
 from hw_mocks.world import World
-from processing.optics.camera_model import Pinhole
 from processing.scene.model import Scene
 
 _CHECK_S = 0.05
 _HOT_C = 95.0
 _VENDOR = "PolFuse"
-
-
-@dataclass(frozen=True)
-class Optics:
-    """Lens, place and polarizers of the camera; the defaults are the thesis's camera (782 x 582, 8.3 um, 8 mm)."""
-
-    width_px: int = 782
-    height_px: int = 582
-    focal_length_m: float = 0.008
-    pixel_pitch_m: float = 8.3e-6
-    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    depression_deg: float = 17.0
-    extinction_ratio: float = 800.0
-    mosaic: tuple[tuple[float, float], tuple[float, float]] | None = None
-    """Polarizer angles, degrees, of the first 2 x 2 pixels (:data:`hw_mocks.gige_camera.render.SONY_MOSAIC`); None for
-    a monochrome sensor behind the rig's polarizer."""
-
-    def pinhole(self) -> Pinhole:
-        """The camera's geometry."""
-        return Pinhole(
-            self.focal_length_m,
-            self.pixel_pitch_m,
-            self.width_px,
-            self.height_px,
-            self.position_m,
-            math.radians(self.depression_deg),
-        )
-
-
-@dataclass(frozen=True)
-class Settings:
-    """The camera's electronics and what is set at power-up."""
-
-    serial: str = "SIM0001"
-    user_name: str = ""
-    model: str = "SimCam"
-    exposure_s: float = 0.002
-    """Exposure at power-up, and that for which the scene's counts hold, s."""
-    frame_rate_hz: float = 50.0
-    formats: tuple[PixelFormat, ...] = (
-        PixelFormat.Mono16,
-        PixelFormat.Mono8,
-        PixelFormat.Mono10,
-        PixelFormat.Mono10p,
-        PixelFormat.Mono12,
-        PixelFormat.Mono12p,
-        PixelFormat.Mono12Packed,
-    )
-    packet_size: int = 1500
-    tick_hz: int = 125_000_000
-    drift_ppm: float = 0.0
-    """How much faster than the host's clock the camera's runs, parts per million."""
-    zip_first: bool = True
-    """Whether the first URL leads to the zipped description."""
-    seed: int = 0
-    repeat_after: int = 0
-    """See :class:`hw_mocks.gige_camera.render.SceneView`."""
-    sensor: Sensor = field(default_factory=Sensor)
-    link: Link = field(default_factory=Link)
 
 
 class GigeCamera:
@@ -198,7 +137,10 @@ class GigeCamera:
         self._control.bind((self._address, port))
         self._sockets = [self._control]
         if self.port == GVCP_PORT:
-            self._listen_to_broadcasts()
+            hears = broadcast_socket(self._address)
+            if hears is not None:
+                self._closing.callback(hears.close)
+                self._sockets.append(hears)
         for one in self._sockets:
             one.setblocking(False)
         self._sender = PacketSender(self.registers, self._address, settings.link, self.faults, settings.seed)
@@ -292,9 +234,8 @@ class GigeCamera:
         return next(name for name, number in CHUNKS.items() if number == selected)
 
     def _enable_chunk(self, enable: int) -> None:
-        if self._chunk() == "Image" and not enable:
-            raise RegisterError(Status.INVALID_PARAMETER)
-        self._acquisition.chunks[self._chunk()] = bool(enable)
+        # Clients switch all chunks off before they choose theirs; the image itself stays nevertheless.
+        self._acquisition.chunks[self._chunk()] = bool(enable) or self._chunk() == "Image"
 
     def _temperature(self) -> bytes:
         hot = self.faults.active(FaultKind.HEAT_ALARM)
@@ -331,22 +272,6 @@ class GigeCamera:
         self._gvcp.release()
 
     # The control channel.
-
-    def _listen_to_broadcasts(self) -> None:
-        """Hear broadcasts that arrive at the interface of our address, where the system can tell."""
-        name = _interface_of(self._address)
-        if name is None or not hasattr(socket, "SO_BINDTODEVICE"):
-            return
-        hears = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            hears.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            hears.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, name.encode())
-            hears.bind(("255.255.255.255", GVCP_PORT))
-        except OSError:
-            hears.close()
-            return
-        self._sockets.append(hears)
-        self._closing.callback(hears.close)
 
     def _serve(self) -> None:
         try:
@@ -419,21 +344,3 @@ class GigeCamera:
         with contextlib.suppress(OSError):
             self._wake_send.send(b"x")
         self._thread.join(timeout=10)
-
-
-def _interface_of(address: str) -> str | None:
-    """Name of the interface that has this address; None where the system does not tell."""
-    if ipaddress.IPv4Address(address).is_loopback:
-        return "lo"
-    try:
-        import fcntl
-
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            for _, name in socket.if_nameindex():
-                with contextlib.suppress(OSError):
-                    found = fcntl.ioctl(probe.fileno(), 0x8915, name.encode().ljust(256, b"\0"))
-                    if socket.inet_ntoa(found[20:24]) == address:
-                        return name
-    except (ImportError, OSError, AttributeError):
-        return None
-    return None
