@@ -1,17 +1,13 @@
-"""A small GigE Vision client of the tests' own, and network namespaces for clients that search by broadcast."""
+"""A small GigE Vision client of the tests' own, which shares nothing with the camera but the wire."""
 
 import contextlib
-import os
-import shutil
 import socket
 import struct
-import subprocess
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-import pytest
 
 from hw_mocks.gige_camera import GigeCamera
 
@@ -167,20 +163,3 @@ def image_of(block: Block) -> tuple[np.ndarray, tuple[int, int, int, int]]:
     """Bytes of an image without chunks, and width, height and offsets told by its leader."""
     width, height, x, y = struct.unpack_from(">IIII", block.leader, 16)
     return np.frombuffer(block.payload, np.uint8), (width, height, x, y)
-
-
-@contextlib.contextmanager
-def namespace() -> Iterator[list[str]]:
-    """A network namespace with only a loopback interface; yields the words that run a command in it."""
-    ip = shutil.which("ip")
-    if ip is None or os.geteuid() != 0:
-        pytest.skip("network namespaces need iproute2 and root")
-    name = f"pfgige{os.getpid()}_{time.monotonic_ns() % 10**9}"
-    made = subprocess.run([ip, "netns", "add", name], capture_output=True, text=True, timeout=20)
-    if made.returncode:
-        pytest.skip(f"network namespaces cannot be made here ({made.stderr.strip()})")
-    try:
-        subprocess.run([ip, "-n", name, "link", "set", "lo", "up"], check=True, timeout=20)
-        yield [ip, "netns", "exec", name]
-    finally:
-        subprocess.run([ip, "netns", "del", name], check=False, timeout=20)

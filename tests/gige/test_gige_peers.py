@@ -3,97 +3,39 @@
 Clients search by broadcast, so camera and client live in a network namespace with nothing but a loopback interface.
 """
 
-import contextlib
 import json
 import re
-import shutil
-import subprocess
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
-from gige_client import namespace
 
+from benchmarks.gige_peers import NAME, PeerMissing, aravis, aravis_counters, camera_beside, namespace
 from hw_mocks.gige_camera.features import make_features
 from hw_mocks.gige_camera.pixel_packing import PixelFormat
 
-ROOT = Path(__file__).resolve().parents[2]
-NAME = "PolFuse-SimCam-PEER"
 
-CAMERA = """
-import json, sys
-from hw_mocks.faults import FaultKind, FaultScript
-from hw_mocks.gige_camera import GigeCamera, Pattern, Settings
-from hw_mocks.world import World
-
-faults = FaultScript()
-if float(sys.argv[1]):
-    faults.start(FaultKind.DROP_PACKETS, amount=float(sys.argv[1]))
-with GigeCamera(Pattern(582, 782), World(), settings=Settings(serial="PEER"), faults=faults) as camera:
-    print("ready", flush=True)
-    sys.stdin.readline()
-    camera.check()
-    print(json.dumps(camera.counts), flush=True)
-"""
+@pytest.fixture(autouse=True)
+def shut_off() -> None:
+    """Skip, with the reason, where namespaces cannot be had."""
+    try:
+        with namespace():
+            pass
+    except PeerMissing as missing:
+        pytest.skip(str(missing))
 
 
-class Running:
-    """The camera in a process of its own, and the words that run a client beside it."""
-
-    def __init__(self, process: "subprocess.Popen[str]", prefix: list[str]) -> None:
-        self.process, self.prefix = process, prefix
-
-    def run(self, *words: str, timeout_s: float = 25.0) -> str:
-        done = subprocess.run([*self.prefix, *words], capture_output=True, text=True, timeout=timeout_s)
-        return done.stdout.replace("\r", "\n") + done.stderr
-
-    def finish(self) -> dict[str, int]:
-        out, _ = self.process.communicate("\n", timeout=15)
-        return dict(json.loads(out))
+@pytest.fixture
+def tool() -> str:
+    """Aravis' tool; skips where it is not installed."""
+    try:
+        aravis("camera-test")
+        return aravis("tool")
+    except PeerMissing as missing:
+        pytest.skip(str(missing))
 
 
-@contextlib.contextmanager
-def running(drop: float = 0.0) -> Iterator[Running]:
-    with namespace() as prefix:
-        process = subprocess.Popen(
-            [*prefix, sys.executable, "-c", CAMERA, str(drop)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            cwd=ROOT,
-        )
-        try:
-            assert process.stdout is not None
-            assert process.stdout.readline() == "ready\n"
-            yield Running(process, prefix)
-        finally:
-            process.kill()
-            process.wait(timeout=10)
-            for pipe in (process.stdin, process.stdout):
-                if pipe is not None:
-                    pipe.close()
-
-
-def aravis(tool: str) -> str:
-    path = shutil.which(f"arv-{tool}-0.8")
-    if path is None:
-        pytest.skip("needs Debian's aravis-tools and aravis-tools-cli")
-    return path
-
-
-def camera_test(beside: Running, seconds: int, *more: str) -> dict[str, int]:
-    """Counters that Aravis' camera test tells at its end."""
-    tool = aravis("camera-test")
-    text = beside.run(tool, "-n", NAME, "--no-packet-socket", "-a", "--duration", str(seconds), *more)
-    counters = {name: int(value) for name, value in re.findall(r"^(n_\w+)\s*=\s*(\d+)", text, re.MULTILINE)}
-    assert counters, text
-    return counters
-
-
-def test_aravis_reads_every_feature() -> None:
-    tool = aravis("tool")
-    with running() as beside:
+def test_aravis_reads_every_feature(tool: str) -> None:
+    with camera_beside() as beside:
         assert f"{NAME} (127.0.0.1)" in beside.run(tool)
         text = beside.run(tool, "-n", NAME, "values")
     formats = (PixelFormat.Mono16,)
@@ -108,9 +50,8 @@ def test_aravis_reads_every_feature() -> None:
     assert "'PayloadSize' = 910248" in text
 
 
-def test_aravis_sets_features() -> None:
-    tool = aravis("tool")
-    with running() as beside:
+def test_aravis_sets_features(tool: str) -> None:
+    with camera_beside() as beside:
         words = ("Width=128", "OffsetX=16", "PixelFormat=Mono12p", "ExposureTime=750", "Gain=3.5", "DeviceUserID=left")
         beside.run(tool, "-n", NAME, "control", *words)
         text = beside.run(tool, "-n", NAME, "values")
@@ -131,9 +72,9 @@ def test_aravis_sets_features() -> None:
     assert "invalid-parameter" in refused
 
 
-def test_aravis_takes_a_hundred_frames_and_misses_none() -> None:
-    with running() as beside:
-        counters = camera_test(beside, 3)
+def test_aravis_takes_a_hundred_frames_and_misses_none(tool: str) -> None:
+    with camera_beside() as beside:
+        counters = aravis_counters(beside, 3)
         told = beside.finish()
     # 50 frames per second for some 3 s; the first second also opens the camera.
     assert counters["n_completed_buffers"] >= 100
@@ -144,10 +85,10 @@ def test_aravis_takes_a_hundred_frames_and_misses_none() -> None:
     assert 0 <= told["frames sent"] - counters["n_completed_buffers"] <= 3
 
 
-def test_aravis_asks_again_for_what_was_dropped() -> None:
-    with running(drop=0.02) as beside:
+def test_aravis_asks_again_for_what_was_dropped(tool: str) -> None:
+    with camera_beside(drop=0.02) as beside:
         # By default Aravis asks for a tenth of a frame's packets at most.
-        counters = camera_test(beside, 3, "-q", "1")
+        counters = aravis_counters(beside, 3, "-q", "1")
         told = beside.finish()
     assert counters["n_completed_buffers"] >= 100
     assert counters["n_missing_packets"] == 0
@@ -159,9 +100,9 @@ def test_aravis_asks_again_for_what_was_dropped() -> None:
     assert counters["n_resent_packets"] == pytest.approx(told["packets sent again"], abs=60)
 
 
-def test_aravis_triggers_by_software_and_reads_chunks() -> None:
-    with running() as beside:
-        counters = camera_test(beside, 3, "-o", "20", "-u", "Timestamp,FrameID")
+def test_aravis_triggers_by_software_and_reads_chunks(tool: str) -> None:
+    with camera_beside() as beside:
+        counters = aravis_counters(beside, 3, "-o", "20", "-u", "Timestamp,FrameID")
         told = beside.finish()
     assert counters["n_completed_buffers"] >= 30
     assert counters["n_failures"] == 0
@@ -192,7 +133,7 @@ def test_telegenicam_takes_frames_pixel_by_pixel() -> None:
     pytest.importorskip("telegenic", reason="needs telegenicam from PyPI")
     import numpy as np
 
-    with running() as beside:
+    with camera_beside() as beside:
         text = beside.run(sys.executable, "-c", TELEGENIC)
     found = json.loads(text.strip().splitlines()[-1])
     assert found["model"] == "SimCam"

@@ -8,6 +8,7 @@ from gige_client import Client
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from benchmarks import reliability_gige
 from hw_mocks.gige_camera import GigeCamera
 from hw_mocks.gige_camera.bootstrap import Status
 from hw_mocks.gige_camera.gvcp import GvcpServer
@@ -70,3 +71,8 @@ def test_random_datagrams_on_the_wire_leave_it_answering(client: Client) -> None
     # Whatever was answered has other request ids than the next one; the client passes over it.
     client.number = 0x7000
     assert client.read(0) == 0x00020000
+
+
+def test_short_version_of_the_fuzz_campaign() -> None:
+    row = reliability_gige._fuzz(5_000)
+    assert row.ok, row
