@@ -10,20 +10,22 @@ import logging
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any
 
-import numpy as np
-from annotated_types import Ge, Gt
-
-from drivers.camera.features import EXPOSURE, GAIN, TIMESTAMP_LATCH, Features
-from drivers.errors import DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
+from drivers.camera import features as names
+from drivers.camera.features import Features
+from drivers.camera.genicam_frames import chunks_of, image_of, timestamp_s
+from drivers.camera.genicam_setup import GenicamOptions, Setup, exposure_of, set_up
+from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
 from drivers.options import checked
 from drivers.records import ClockFix, Frame, Identity
 
-_FORMATS: dict[str, type[np.unsignedinteger[Any]]] = {"Mono16": np.uint16, "Mono8": np.uint8}
 _FETCH_S = 0.01
+_ID_LIMIT = 0xFFFF
+_ID_NEAR = 0x1000
+_PROBE_S = 0.5
+"""A frame later than this after its exposure: the camera is asked whether it is still there, again and again."""
 _STALE = 2
 """Frames of a free-running camera that are passed over after a trigger. A frame that arrives at t began at most two
 frame periods earlier (exposure and read-out take at most one each), so only the third surely began after it."""
@@ -32,43 +34,18 @@ frame periods earlier (exposure and read-out take at most one each), so only the
 class HarvestersCamera:
     """Contract :class:`drivers.contracts.Camera` for GenICam cameras."""
 
-    @dataclass(frozen=True)
-    class Options:
-        """Settings of a GenICam camera; what the camera lacks is skipped and named when it is opened."""
+    Options = GenicamOptions
 
-        __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
-
-        cti: str = ""
-        """GenTL producer (.cti) of the camera's vendor; empty for the simulated camera of the genicam package."""
-        device: str = ""
-        """Part of the camera's serial number, model or name; empty for the first one found."""
-        pixel_format: str = ""
-        """"Mono16" or "Mono8"; empty for the first of these that the camera has."""
-        exposure_s: Annotated[float, Gt(0)] = 0.002
-        """Exposure, s."""
-        gain_db: Annotated[float, Ge(0)] = 0.0
-        """Gain, dB."""
-        width_px: Annotated[int, Ge(0)] = 0
-        """Columns; 0 leaves the camera's own."""
-        height_px: Annotated[int, Ge(0)] = 0
-        """Rows; 0 leaves the camera's own."""
-        timeout_s: Annotated[float, Gt(0)] = 5.0
-        """Time in which a frame must have arrived after its trigger, s."""
-        trigger: Literal["software", "free"] = "software"
-        """Software trigger, or the next wholly new frame of a free-running camera."""
-
-    def __init__(self, options: Options) -> None:
+    def __init__(self, options: GenicamOptions) -> None:
         self._options = checked(options)
         self._where = f"camera {options.device!r}" if options.device else "camera"
         self._harvester: Any = None
         self._acquirer: Any = None
         self._features: Features | None = None
-        self._shape: tuple[int, int] | None = None
-        self._dtype: type[np.unsignedinteger[Any]] = np.uint16
+        self._setup: Setup | None = None
         self._exposure_s = options.exposure_s
-        self._gain_db = options.gain_db
-        self._free = False
         self._deadline: float | None = None
+        self._probe_at = 0.0
         self._to_skip = 0
         self._lost = 0
         self._lost_told = 0
@@ -91,9 +68,9 @@ class HarvestersCamera:
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of a frame."""
-        if self._shape is None:
+        if self._setup is None:
             raise self._closed()
-        return self._shape
+        return self._setup.shape
 
     @property
     def lost_frames(self) -> int:
@@ -101,16 +78,16 @@ class HarvestersCamera:
         return self._lost
 
     def trigger(self) -> None:
-        """Ask for one frame whose exposure begins after this call."""
-        if self._features is None:
+        """Ask for one frame whose exposure begins after this call (with the line's next pulse for a line trigger)."""
+        if self._features is None or self._setup is None:
             raise self._closed()
         with self._failures("did not take the trigger"):
             self._drain()
-            if self._free:
-                self._to_skip = _STALE
-            else:
-                self._features.execute("TriggerSoftware")
-        self._deadline = time.monotonic() + self._options.timeout_s
+            self._to_skip = _STALE if self._setup.free else 0
+            self._fire()
+        now = time.monotonic()
+        self._deadline = now + self._exposure_s + self._options.timeout_s
+        self._probe_at = now + self._exposure_s + _PROBE_S
 
     def poll(self) -> Frame | None:
         """The frame asked for once it is whole, else None. An incomplete frame is counted and asked for again.
@@ -125,30 +102,68 @@ class HarvestersCamera:
             return None
         lost = self._lost
         with self._failures("failed while fetching a frame"):
-            buffer = self._acquirer.try_fetch(timeout=_FETCH_S)
+            # Raw: harvesters' own unpacking knows no mosaics, and what it does not know it neither unpacks nor returns.
+            buffer = self._acquirer.try_fetch(timeout=_FETCH_S, is_raw=True)
         if buffer is not None:
             return self._accept(buffer)
-        if self._lost > lost and not self._free:
+        if self._lost > lost:
             with self._failures("did not take the trigger"):
-                self._features.execute("TriggerSoftware")
-        if time.monotonic() > self._deadline:
+                self._fire()
+        now = time.monotonic()
+        if now > min(self._probe_at, self._deadline):
+            self._probe_at = now + _PROBE_S
+            try:
+                with self._failures("does not answer any more"):
+                    self._features.probe()
+            except DeviceLost:
+                self._deadline = None
+                raise
+        if now > self._deadline:
             self._deadline = None
-            with self._failures("does not answer any more"):
-                # A camera that was unplugged still "acquires"; only reading from it tells.
-                self._features.value("Width")
             raise DeviceTimeout(
-                f"no frame within {self._options.timeout_s:g} s of its trigger",
+                f"no frame within {self._options.timeout_s:g} s of its {self._awaited()}",
                 where=self._where,
                 advice="check the cable, the packet size and the trigger settings, or lengthen option timeout_s",
             )
         return None
+
+    def exposure_limits(self) -> tuple[float, float]:
+        """Shortest and longest exposure, s.
+
+        Raises:
+            DeviceRefused: the camera's exposure cannot be set.
+        """
+        if self._features is None:
+            raise self._closed()
+        with self._failures("did not tell its exposures"):
+            limits = self._features.limits(names.EXPOSURE)
+        if limits is None:
+            raise self._fixed_exposure()
+        return limits[0] * 1e-6, limits[1] * 1e-6
+
+    def set_exposure(self, seconds: float) -> float:
+        """Expose so long from the next trigger on; return what the camera made of it, s.
+
+        Raises:
+            DeviceRefused: outside the camera's limits, or its exposure cannot be set.
+        """
+        if self._features is None:
+            raise self._closed()
+        with self._failures("did not take its exposure"):
+            try:
+                if not self._features.put(names.EXPOSURE, seconds * 1e6, needed=False):
+                    raise self._fixed_exposure()
+            except ValueError as error:
+                raise DeviceRefused(str(error), where=self._where, advice="stay within the limits (us)") from error
+            self._exposure_s = exposure_of(self._features, seconds)
+        return self._exposure_s
 
     def clock(self) -> ClockFix | None:
         """The camera's clock latched now, or None where it cannot be read."""
         if self._features is None:
             raise self._closed()
         with self._failures("did not tell its time"):
-            for command, value, frequency in TIMESTAMP_LATCH:
+            for command, value, frequency in names.TIMESTAMP_LATCH:
                 before = time.monotonic_ns()
                 if not self._features.execute(command):
                     continue
@@ -167,7 +182,7 @@ class HarvestersCamera:
         """Stop and release the camera. Idempotent; never raises, and may take seconds when the camera is gone."""
         self._deadline = None
         acquirer, harvester = self._acquirer, self._harvester
-        self._acquirer = self._harvester = self._features = self._shape = None
+        self._acquirer = self._harvester = self._features = self._setup = None
         for step in (
             *((acquirer.stop, acquirer.destroy) if acquirer is not None else ()),
             *((harvester.reset,) if harvester is not None else ()),
@@ -202,15 +217,17 @@ class HarvestersCamera:
         acquirer.add_callback(acquirer.Events.INCOMPLETE_BUFFER, Incomplete())
         acquirer.timeout_period_on_update_event_data_call = 5
         features = Features(acquirer.remote_device.node_map)
-        self._set_up(features)
+        try:
+            setup = set_up(features, self._options)
+        except ValueError as error:
+            raise DeviceRefused(str(error), where=self._where, advice="correct the camera's options") from error
         acquirer.start()
-        self._features = features
+        self._features, self._setup = features, setup
+        self._exposure_s = setup.exposure_s
         self._lost = self._lost_told = 0
         self._last_id = None
         missing = f"; lacks {', '.join(features.missing)}" if features.missing else ""
-        trigger = "free running" if self._free else "software trigger"
-        assert self._shape is not None
-        detail = f"{self._shape[1]}x{self._shape[0]} {np.dtype(self._dtype).name}, {trigger}, {cti.name}{missing}"
+        detail = f"{', '.join(setup.notes)}, {cti.name}{missing}"
         return Identity("camera", "harvesters", _words(device, "vendor", "model", "serial_number"), detail)
 
     def _producer(self) -> Path:
@@ -238,108 +255,98 @@ class HarvestersCamera:
             f"no such camera (found: {found})", where=self._where, advice="check cable, power and option device"
         )
 
-    def _set_up(self, features: Features) -> None:
-        options = self._options
-        try:
-            offered = features.symbols("PixelFormat")
-            wanted = options.pixel_format or next((name for name in _FORMATS if name in offered), "")
-            if wanted not in _FORMATS:
-                raise ValueError(
-                    f"pixel_format: found {wanted or ', '.join(offered)}, allowed: {' or '.join(_FORMATS)}"
-                )
-            features.put("PixelFormat", wanted)
-            self._dtype = _FORMATS[wanted]
-            for name, size in (("Width", options.width_px), ("Height", options.height_px)):
-                if size:
-                    features.put(name, size)
-            for automatic in ("ExposureAuto", "GainAuto"):
-                features.put(automatic, "Off", needed=False)
-            features.put(EXPOSURE, options.exposure_s * 1e6)
-            if options.gain_db or features.node(GAIN) is not None:
-                features.put(GAIN, options.gain_db)
-            features.put("AcquisitionMode", "Continuous", needed=False)
-            self._free = options.trigger == "free" or not self._trigger_on(features)
-            if options.trigger == "free":
-                features.put("TriggerMode", "Off", needed=False)
-        except ValueError as error:
-            raise DeviceRefused(str(error), where=self._where, advice="correct the camera's options") from error
-        # What the camera really took: exposure and gain have steps.
-        exposure, gain = features.value(EXPOSURE), features.value(GAIN)
-        self._exposure_s = float(exposure) * 1e-6 if exposure is not None else options.exposure_s
-        self._gain_db = float(gain) if gain is not None else 0.0
-        self._shape = int(features.value("Height") or 0), int(features.value("Width") or 0)
-        for given, got, name in (
-            (options.height_px, self._shape[0], "rows"),
-            (options.width_px, self._shape[1], "columns"),
-        ):
-            if given and given != got:
-                raise DeviceRefused(f"{given} {name} asked, {got} set", where=self._where, advice=f"ask for {got}")
+    def _fire(self) -> None:
+        """Give the software trigger, where that is what the camera waits for."""
+        assert self._features is not None
+        assert self._setup is not None
+        if not self._setup.free and self._options.trigger == "software":
+            self._features.execute("TriggerSoftware")
 
-    def _trigger_on(self, features: Features) -> bool:
-        if features.node("TriggerMode") is None or features.node("TriggerSoftware") is None:
-            features.missing.append("TriggerMode" if features.node("TriggerMode") is None else "TriggerSoftware")
-            return False
-        features.put("TriggerSelector", "FrameStart", needed=False)
-        features.put("TriggerSource", "Software", needed=False)
-        return features.put("TriggerMode", "On")
+    def _awaited(self) -> str:
+        return f"trigger on {self._options.trigger_line}" if self._options.trigger == "line" else "trigger"
 
     def _drain(self) -> None:
         """Give back whatever was exposed before; there are never more frames waiting than buffers."""
         for _ in range(int(self._acquirer.num_buffers) + 1):
-            buffer = self._acquirer.try_fetch(timeout=1e-3)
+            lost = self._lost
+            buffer = self._acquirer.try_fetch(timeout=1e-3, is_raw=True)
             if buffer is None:
-                return
+                if self._lost == lost:
+                    return
+                continue
             self._last_id = int(buffer.frame_id)
-            buffer.queue()
+            buffer.parent.queue_buffer(buffer)
 
     def _accept(self, buffer: Any) -> Frame | None:
+        """A buffer as a frame, or None where it was exposed too early. The buffer goes back in any case."""
+        assert self._features is not None
+        assert self._setup is not None
         t_host_ns = time.monotonic_ns()
         try:
-            frame_id = int(buffer.frame_id)
-            if not self._free and self._last_id is not None and frame_id > self._last_id + 1:
-                # Every frame of a triggered camera was asked for; those that harvesters discarded are counted already.
-                self._lost = max(self._lost, self._lost_told + frame_id - self._last_id - 1)
-            self._last_id = frame_id
-            if self._to_skip:
-                self._to_skip -= 1
-                return None
-            component = buffer.payload.components[0]
-            rows, columns = int(component.height), int(component.width)
-            # Copied before the buffer goes back: the producer writes into it again.
-            data = np.array(component.data)
-            stamp_ns = _timestamp_ns(buffer)
-        finally:
-            buffer.queue()
-        if data.dtype != self._dtype or data.size != rows * columns or (rows, columns) != self._shape:
-            raise DeviceError(
-                f"a frame came as {columns}x{rows} {data.dtype}, expected {self._shape} {np.dtype(self._dtype).name}",
+            with self._failures("gave a frame that cannot be read"):
+                frame_id = int(buffer.frame_id)
+                self._count(frame_id)
+                if self._to_skip:
+                    self._to_skip -= 1
+                    return None
+                # Copied before the buffer goes back: the producer writes into it again.
+                image = image_of(buffer, self._setup)
+                told = chunks_of(self._features) if self._setup.chunks else {}
+                stamp_s = told.get("time_s", timestamp_s(buffer))
+        except ValueError as error:
+            self._deadline = None
+            raise DeviceBadAnswer(
+                f"a frame came {error}",
                 where=self._where,
                 advice="close other programs that set this camera, and open it again",
-            )
+            ) from error
+        finally:
+            with self._failures("did not take a buffer back"):
+                buffer.parent.queue_buffer(buffer)
         self._deadline = None
         lost_before, self._lost_told = self._lost - self._lost_told, self._lost
         return Frame(
-            image=data.reshape(rows, columns),
+            image=image,
             frame_id=frame_id,
-            exposure_s=self._exposure_s,
-            gain_db=self._gain_db,
-            t_device_s=stamp_ns * 1e-9,
+            exposure_s=told.get("exposure_s", self._exposure_s),
+            gain_db=self._setup.gain_db,
+            t_device_s=stamp_s,
             t_host_ns=t_host_ns,
             lost_before=lost_before,
         )
+
+    def _count(self, frame_id: int) -> None:
+        """Count the frames missing before this one, where frames come only when asked for."""
+        assert self._setup is not None
+        last, self._last_id = self._last_id, frame_id
+        if self._setup.free or last is None:
+            return
+        gap = frame_id - last - 1
+        if last > _ID_LIMIT - _ID_NEAR and last <= _ID_LIMIT and frame_id < _ID_NEAR:
+            # The 16 bit numbers of GigE Vision 1 go on with 1: 0 is no frame's.
+            gap += _ID_LIMIT
+        if gap > 0:
+            # Those that harvesters discarded as incomplete are counted already.
+            self._lost = max(self._lost, self._lost_told + gap)
 
     @contextmanager
     def _failures(self, what: str) -> Iterator[None]:
         """Turn whatever harvesters and the producer raise into :class:`DeviceLost`."""
         try:
             yield
-        except DeviceError:
+        except (DeviceError, ValueError):
+            # A ValueError is not the producer's: a value or a frame that is not what was agreed.
             raise
         except Exception as error:
             words = str(error).split("(Message", maxsplit=1)[0].strip() or type(error).__name__
             raise DeviceLost(
                 f"{what} ({words})", where=self._where, advice="check cable and power, then open it again"
             ) from error
+
+    def _fixed_exposure(self) -> DeviceRefused:
+        return DeviceRefused(
+            "its exposure cannot be set", where=self._where, advice="leave automatic exposure out of the plan"
+        )
 
     def _closed(self) -> DeviceLost:
         return DeviceLost("is not open", where=self._where, advice="open it first")
@@ -352,13 +359,3 @@ def _words(device: Any, *names: str) -> str:
         with suppress(Exception):
             words.append(str(getattr(device, name) or ""))
     return " ".join(word for word in words if word)
-
-
-def _timestamp_ns(buffer: Any) -> float:
-    """The camera's own stamp of a frame, ns; NaN where the producer has none."""
-    with suppress(Exception):
-        return float(buffer.timestamp_ns)
-    with suppress(Exception):
-        # Not buffer.timestamp, which answers 0 where there is none.
-        return float(buffer.module.timestamp) * 1e9 / float(buffer.timestamp_frequency)
-    return float("nan")

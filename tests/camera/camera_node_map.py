@@ -6,6 +6,17 @@ from typing import Any
 
 READ_WRITE, READ_ONLY = 4, 3
 
+PFNC = {
+    "Mono8": 0x01080001,
+    "Mono10p": 0x010A0046,
+    "Mono12": 0x01100005,
+    "Mono12p": 0x010C0047,
+    "Mono12Packed": 0x010C0006,
+    "Mono16": 0x01100007,
+    "Polarized8": 0x8108FFFF,
+}
+"""Codes of pixel formats (PFNC 2.4; that of Polarized8 stands for a vendor's own)."""
+
 
 @dataclass
 class Node:
@@ -20,6 +31,12 @@ class Node:
 
     def get_access_mode(self) -> int:
         return self.mode
+
+    def get_value(self, verify: bool = False, ignore_cache: bool = False) -> Any:
+        return self.value
+
+    def get_int_value(self) -> int:
+        return PFNC[self.value]
 
     def execute(self) -> None:
         self.executed += 1

@@ -34,7 +34,7 @@ def test_what_the_camera_lacks_is_remembered_once_asked_for() -> None:
 def test_a_locked_feature_is_missing_unless_it_stands_as_wanted() -> None:
     node_map = NodeMap({"Gain": Node(0.0, 0.0, 20.0, mode=READ_ONLY)})
     features = Features(node_map)
-    assert not features.put(GAIN, 0.0)
+    assert features.put(GAIN, 0.0)
     assert features.missing == []
     assert not features.put(GAIN, 3.0)
     assert features.missing == ["Gain"]

@@ -101,7 +101,7 @@ def test_it_opens_again_after_closing(camera: HarvestersCamera) -> None:
 @pytest.mark.parametrize(
     ("options", "kind", "words"),
     [
-        (Options(pixel_format="RGBa8"), DeviceRefused, "allowed: Mono16 or Mono8"),
+        (Options(pixel_format="RGBa8"), DeviceRefused, "found 'RGBa8', allowed: Mono16, Mono12p"),
         (Options(pixel_format="Mono16"), DeviceRefused, "allowed: RGBa8, Mono8"),
         (Options(width_px=5000), DeviceRefused, "Width: found 5000, allowed: 100 to 800"),
         (Options(device="XYZ-123"), DeviceLost, "no such camera .found: .*Viky 0"),

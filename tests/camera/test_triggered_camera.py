@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from camera_node_map import Node, NodeMap
+from camera_node_map import PFNC, Node, NodeMap
 
 from drivers.camera.harvesters_camera import HarvestersCamera
 from drivers.errors import DeviceError, DeviceLost, DeviceTimeout
@@ -55,7 +55,8 @@ class Acquirer:
         self.incomplete = 0
         self.mute = False
         self.queued = 0
-        self.memory = np.zeros(SHAPE, dtype=np.uint16)
+        self.memory: np.ndarray[Any, np.dtype[Any]] = np.zeros(SHAPE, dtype=np.uint16)
+        self.code = 0
 
     def fire(self) -> None:
         if self.mute:
@@ -71,7 +72,8 @@ class Acquirer:
         assert event == self.Events.INCOMPLETE_BUFFER
         self.callbacks.append(callback)
 
-    def try_fetch(self, *, timeout: float) -> Any:
+    def try_fetch(self, *, timeout: float, is_raw: bool) -> Any:
+        assert is_raw, "harvesters raises KeyError for pixel formats that it does not know, and keeps the buffer"
         assert timeout > 0, "harvesters waits for ever when the time-out is 0"
         if not self.waiting:
             return None
@@ -82,15 +84,20 @@ class Acquirer:
             return None
         # The producer's memory is used again for the next frame.
         self.memory[:] = frame_id * 100
-        component = SimpleNamespace(width=SHAPE[1], height=SHAPE[0], data=self.memory.ravel())
         return SimpleNamespace(
             frame_id=frame_id,
             timestamp_ns=frame_id * 1e6,
-            payload=SimpleNamespace(components=[component]),
-            queue=self._queue,
+            width=self.memory.shape[1],
+            height=self.memory.shape[0],
+            pixel_format=self.code or PFNC[self.nodes["PixelFormat"].value],
+            image_offset=0,
+            padding_x=0,
+            size_filled=self.memory.nbytes,
+            raw_buffer=self.memory.tobytes(),
+            parent=SimpleNamespace(queue_buffer=self._queue),
         )
 
-    def _queue(self) -> None:
+    def _queue(self, _: object) -> None:
         self.queued += 1
         self.memory[:] = 0
 
@@ -121,7 +128,7 @@ def acquirer(monkeypatch: pytest.MonkeyPatch) -> Acquirer:
 def camera(acquirer: Acquirer) -> Iterator[HarvestersCamera]:
     device = HarvestersCamera(HarvestersCamera.Options(exposure_s=0.003, gain_db=6.0, timeout_s=0.2))
     identity = device.open()
-    assert identity.detail == "6x4 uint16, software trigger, viky.cti"
+    assert identity.detail == "6x4 Mono16, software trigger, exposure 3 ms, gain 6 dB, viky.cti"
     yield device
     device.close()
 
