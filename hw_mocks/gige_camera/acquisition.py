@@ -175,7 +175,12 @@ class Acquisition:
             if not self._nap(session, start_ns + round(duration_s * 1e9)):
                 return
             taken += 1
+            if taken == wanted:
+                # Over before the last frame leaves: who has received it may start at once again.
+                self._finish(session)
             self._take(taken, start_ns, duration_s)
+
+    def _finish(self, session: int) -> None:
         with self._changed:
             if self._session == session:
                 self._running = False

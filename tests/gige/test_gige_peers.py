@@ -74,7 +74,8 @@ def test_aravis_sets_features(tool: str) -> None:
 
 def test_aravis_takes_a_hundred_frames_and_misses_none(tool: str) -> None:
     with camera_beside() as beside:
-        counters = aravis_counters(beside, 3)
+        # A machine under load may keep Aravis from its socket: it may ask for all that it missed.
+        counters = aravis_counters(beside, 3, "-q", "1")
         told = beside.finish()
     # 50 frames per second for some 3 s; the first second also opens the camera.
     assert counters["n_completed_buffers"] >= 100

@@ -175,6 +175,15 @@ def test_single_and_multi_frame(client: Client, mode: int, count: int) -> None:
         assert not client.camera.acquiring
 
 
+def test_single_frames_at_once_one_after_the_other(client: Client) -> None:
+    client.open()
+    assert client.put("AcquisitionMode", 1) == 0
+    for k in range(30):
+        client.start()
+        data, _ = image_of(client.take())
+        np.testing.assert_array_equal(data.view("<u2").reshape(64, 96), pattern(64, 96, k))
+
+
 def test_resends_complete_frames(client: Client, faults: FaultScript) -> None:
     faults.start(FaultKind.DROP_PACKETS, amount=0.3)
     client.open(576)
