@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import signal
+import threading
 from concurrent.futures import Future, ProcessPoolExecutor
+from multiprocessing import connection
 from pathlib import Path
 from types import TracebackType
 
@@ -16,7 +20,9 @@ class Drawing:
 
     def __init__(self, products: Path) -> None:
         self._products = products
-        self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+        self._pool = ProcessPoolExecutor(
+            1, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent
+        )
         self._drawn: list[Future[list[Picture]]] = []
         # Loads what drawing needs, while the rig is still at work.
         self._ready = self._pool.submit(_prepare)
@@ -36,6 +42,19 @@ class Drawing:
     def pictures(self) -> list[Picture]:
         """All pictures, once they are drawn. Raises what drawing raised."""
         return [picture for future in self._drawn for picture in future.result()]
+
+
+def _end_with_parent() -> None:
+    """Ctrl-C reaches all processes of a terminal and is the parent's to answer; nothing outlives a killed parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_wait_for, args=(parent.sentinel,), name="parent watch", daemon=True).start()
+
+
+def _wait_for(sentinel: int) -> None:
+    connection.wait([sentinel])
+    os._exit(1)
 
 
 def _prepare() -> None:

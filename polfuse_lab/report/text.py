@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+MOST_DECIMALS = 9
+"""Numbers that would need more are written with powers of ten."""
+
 
 @dataclass(frozen=True)
 class Number:
@@ -29,6 +32,8 @@ def value_text(value: float, sd: float | None = None) -> str:
     if sd is None or not math.isfinite(sd) or sd <= 0:
         return _minus(f"{value:.4g}")
     digits = max(1 - math.floor(math.log10(sd)), 0)
+    if digits > MOST_DECIMALS:
+        return f"{_minus(f'{value:.6g}')} ± {_minus(f'{sd:.2g}')}"
     return _minus(f"{value:.{digits}f} ± {sd:.{digits}f}")
 
 
@@ -37,6 +42,8 @@ def check_texts(value: float, expected: float, tolerance: float) -> tuple[str, s
     if not math.isfinite(tolerance) or tolerance <= 0:
         return value_text(value), value_text(expected), value_text(tolerance)
     decimals = max(1 - math.floor(math.log10(tolerance)), 0)
+    if decimals > MOST_DECIMALS:
+        return value_text(value), value_text(expected), value_text(tolerance)
     return _fixed(value, decimals), _fixed(expected, decimals), _fixed(tolerance, decimals)
 
 

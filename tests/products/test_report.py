@@ -1,0 +1,184 @@
+"""The report: one file that needs no other, says what the products say, and refuses what it cannot show."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import re
+import subprocess
+import sys
+from dataclasses import asdict
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.checks import Check, read_checks, write_checks
+from polfuse_lab.products.optics import UNITS
+from polfuse_lab.products.store import Products
+from polfuse_lab.report import report
+from polfuse_lab.report.text import check_texts, size_text, value_text
+from processing.optics.series import PolarizerSeries, SensorNoise
+from processing.optics.stokes import stokes_image
+
+CHECKS = [
+    Check("dihedral_rcs", 24.1, 24.5, 1.0, "dBsm", "Against <the> scene & its truth."),
+    Check("samples_lost", 0, 0, 0),
+    Check("rma_correlation", 0.98, 1.0, 0.01, sense="at_least"),
+]
+
+
+@pytest.fixture(scope="module")
+def products(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("report") / "field & co.h5"
+    angles = np.radians([0.0, 45.0, 90.0, 135.0])
+    series = PolarizerSeries(tuple(angles), (2,) * 4, (0.004,) * 4, 800.0, SensorNoise(5.0, 1.0))
+    light = 5_000.0 * (1 + 0.3 * np.cos(2 * (angles - 0.4)))[:, None, None] * np.ones((4, 24, 32))
+    image = stokes_image(light, np.zeros((24, 32), dtype=bool), series)
+    Products(path).write(
+        "optics",
+        {name: getattr(image, name) for name in UNITS},
+        settings={"series": asdict(series), "condition_number": series.condition, "note": "<script>alert(1)</script>"},
+        inputs=[Path(__file__)],
+        units=UNITS,
+    )
+    write_checks(path, CHECKS)
+    return path
+
+
+@pytest.fixture(scope="module")
+def page(products: Path) -> str:
+    return report(products, products.with_suffix(".html")).read_text(encoding="utf-8")
+
+
+class Links(HTMLParser):
+    """Everything that a page refers to."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found += [value or "" for name, value in attrs if name in ("src", "href", "srcset", "action")]
+        if tag not in ("meta", "img", "br", "link"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_the_page_needs_no_other_file(page: str) -> None:
+    links = Links()
+    links.feed(page)
+    assert links.open == []
+    assert any(link.startswith("data:image/png;base64,") for link in links.found)
+    assert all(link.startswith(("data:image/png;base64,", "#")) for link in links.found)
+    assert "@import" not in page
+    assert "url(" not in page
+    assert 'name="viewport"' in page
+    assert "@media print" in page
+
+
+def test_pictures_are_whole(page: str) -> None:
+    for data in re.findall(r"data:image/png;base64,([^\"]+)", page):
+        assert base64.b64decode(data, validate=True).startswith(b"\x89PNG")
+
+
+def test_texts_are_escaped(page: str) -> None:
+    assert "<script>" not in page
+    assert "Against &lt;the&gt; scene &amp; its truth." in page
+    assert "<title>Light: field &amp; co</title>" in page
+
+
+def test_it_tells_checks_numbers_and_where_all_comes_from(page: str, products: Path) -> None:
+    assert "1 of 3 checks failed." in page
+    assert page.count('class="mark">passed') == 2
+    assert page.count('class="mark">failed') == 1
+    # DOLP of 1 + 0.3 cos 2(...) is 0.3 / (799/801) for a polarizer of 800:1, less sd^2 / 2p for the noise's bias.
+    assert f"{0.3 * 801 / 799 - 0.0069**2 / 0.6:.4f} ± 0.0069" in page
+    origin = Products(products).provenance("optics")
+    assert origin["sha256"] in page
+    assert origin["inputs"][0]["sha256"] in page
+    assert Path(__file__).name in page
+
+
+def test_checks_come_back(products: Path) -> None:
+    assert read_checks(products) == CHECKS
+    assert read_checks(products.with_name("none.h5")) == []
+
+
+@pytest.mark.parametrize(
+    ("check", "ok"),
+    [
+        (Check("a", 1.0, 1.5, 0.5), True),
+        (Check("a", 1.0, 1.6, 0.5), False),
+        (Check("a", math.nan, 1.0, 0.5), False),
+        (Check("a", 1.0, 1.0, math.nan), False),
+        (Check("a", 1.0, 1.0, math.inf), False),
+        (Check("a", 2.0, 1.0, 0.1, sense="at_least"), True),
+        (Check("a", 0.95, 1.0, 0.1, sense="at_least"), True),
+        (Check("a", 0.85, 1.0, 0.1, sense="at_least"), False),
+    ],
+)
+def test_when_a_check_holds(check: Check, ok: bool) -> None:
+    assert check.ok is ok
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "text"),
+    [
+        (30.784, 0.123, "30.78 ± 0.12"),
+        (-4.449, 0.0521, "−4.449 ± 0.052"),
+        (1234.5, 31.0, "1234 ± 31"),
+        (-4.44999, None, "−4.45"),
+        (1.26e-20, None, "1.26 × 10⁻²⁰"),
+        (math.nan, None, "—"),
+        (2.5, math.nan, "2.5"),
+        (2.5, 0.0, "2.5"),
+    ],
+)
+def test_numbers_have_the_digits_that_their_uncertainty_allows(value: float, sd: float | None, text: str) -> None:
+    assert value_text(value, sd) == text
+
+
+def test_checks_have_the_decimals_that_their_tolerance_asks_for() -> None:
+    assert check_texts(0.10001, 0.1, 0.00142) == ("0.1000", "0.1000", "0.0014")
+    assert check_texts(-1e-5, 0.0, 0.1) == ("0.00", "0.00", "0.10")
+    assert check_texts(61, 61, 0) == ("61", "61", "0")
+    assert check_texts(math.nan, 1.0, 0.5)[0] == "—"
+
+
+@given(st.floats(), st.floats() | st.none())
+def test_any_number_has_a_text(value: float, sd: float | None) -> None:
+    assert value_text(value, sd)
+    assert all(check_texts(value, 1.0, 0.1 if sd is None else sd))
+
+
+def test_sizes() -> None:
+    assert (size_text(1_500), size_text(23_400_000)) == ("1.5 kB", "23.4 MB")
+
+
+def test_what_cannot_be_reported(tmp_path: Path, products: Path) -> None:
+    with pytest.raises(PolfuseError, match=r"nothing to report.*polfuse focus"):
+        report(tmp_path / "none.h5", tmp_path / "r.html")
+    with pytest.raises(PolfuseError, match="cannot be written"):
+        report(products, tmp_path / "no" / "r.html", pictures=[])
+
+
+def test_the_command(tmp_path: Path, products: Path) -> None:
+    out = tmp_path / "r.html"
+    run = [sys.executable, "-c", "from polfuse_lab.cli import main; main()", "report"]
+    made = subprocess.run([*run, str(products), "-o", str(out), "--json"], capture_output=True, text=True, timeout=100)
+    assert made.returncode == 0, made.stderr
+    assert json.loads(made.stdout) == {"report": str(out)}
+    assert out.read_text(encoding="utf-8").startswith("<!doctype html>")
+    failed = subprocess.run(
+        [*run, str(tmp_path / "none.h5"), "-o", str(out)], capture_output=True, text=True, timeout=100
+    )
+    assert (failed.returncode, failed.stdout, failed.stderr.count("\n")) == (1, "", 1)
