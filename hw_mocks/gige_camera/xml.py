@@ -90,7 +90,8 @@ def _limits(feature: Feature) -> tuple[str, list[str]]:
     step = f"<Inc>{feature.step}</Inc>" if feature.kind == "integer" else ""
     if not isinstance(feature.high, str):
         return f"{low}<Max>{number(feature.high)}</Max>{step}", []
-    first, second = feature.high.split(" - ")
+    # Of registers, not of features: a width limited by an offset that is limited by the width is a cycle.
+    first, second = (f"{name}Reg" for name in feature.high.split(" - "))
     formula = (
         f'<IntSwissKnife Name="{feature.name}High" NameSpace="Custom"><pVariable Name="A">{first}</pVariable>'
         f'<pVariable Name="B">{second}</pVariable><Formula>A - B</Formula></IntSwissKnife>'
