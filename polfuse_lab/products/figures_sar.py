@@ -53,7 +53,7 @@ def magnitude_figure(focus: Arrays, channels: tuple[str, ...], *, peaks: list[Pe
     columns = 1 if len(channels) == 1 else 2
     rows = -(-len(channels) // columns)
     tall = (y[-1] - y[0]) / max(x[-1] - x[0], 1e-9)
-    figure = style.new_figure(8.0, 1.2 + rows * min(max(7.0 / columns * tall, 1.6), 7.0), title="Focused image")
+    figure = style.new_figure(8.0, 1.2 + rows * min(max(6.1 / columns * tall + 0.25, 1.6), 7.0), title="Focused image")
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     reference = float(np.nanmax(np.abs(image))) if np.isfinite(image).any() else 1.0
     picture = None

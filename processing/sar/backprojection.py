@@ -60,7 +60,7 @@ def backproject(
     planar = np.concatenate([weighted.real, weighted.imag]).transpose(1, 0, 2)
     exponent = 0.0 if beamwidth_rad is None else pattern_exponent(beamwidth_rad)
     image = np.empty((channels, *grid.shape), dtype=np.complex64)
-    kernel_for(taps, channels)(
+    kernel_for(taps)(
         np.ascontiguousarray(planar, dtype=np.float32),
         np.ascontiguousarray(pulses.weights.T),
         pulses.antenna_m,

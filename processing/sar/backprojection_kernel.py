@@ -1,6 +1,6 @@
-"""The compiled kernels of back-projection, one for each filter length and number of channels.
+"""The compiled kernels of back-projection, one for each filter length.
 
-Filter length and channel count are constants of each kernel, so that the compiler unrolls the short loops over them.
+The filter length is a constant of each kernel, so that the compiler unrolls the short loops over it.
 """
 
 from __future__ import annotations
@@ -23,15 +23,14 @@ _MATH = {"contract", "reassoc", "nsz", "arcp"}
 
 
 @functools.cache
-def kernel_for(taps: int, channels: int) -> Callable[..., None]:
-    """The kernel for a filter length and a number of channels; compiled at its first call, then kept on disk.
+def kernel_for(taps: int) -> Callable[..., None]:
+    """The kernel for a filter length; compiled at its first call, then kept on disk.
 
     Its arguments: profiles (pulses, 2 channels, bins) float32, real parts before imaginary ones, weighted; weights
     (pulses, channels); track (pulses, 3); x (nx,); y (ny,); z; first range; bins per metre; turns of phase per metre
     of distance; filter table (TABLE_STEPS + 1, taps) float32; the antennas' axis (3,); exponent of their pattern (0:
     none); and the image (channels, ny, nx) complex64 that it fills.
     """
-    lanes = 2 * channels
 
     @njit(parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy")
     def kernel(
@@ -49,15 +48,17 @@ def kernel_for(taps: int, channels: int) -> Callable[..., None]:
         exponent: float,
         image: Any,
     ) -> None:
-        pulses, _, bins = profiles.shape
+        pulses, lanes, bins = profiles.shape
+        channels = lanes // 2
         blocks = (x.size + BLOCK - 1) // BLOCK
-        last = float(bins - taps)
         one = np.float32(1)
         for job in prange(y.size * blocks):
             row = job // blocks
             x0 = (job % blocks) * BLOCK
             count = min(BLOCK, x.size - x0)
             first = np.empty(count, np.int32)
+            entries = np.empty(count, np.int32)
+            parts = np.empty(count, np.float32)
             filters = np.empty((count, taps), np.float32)
             cosines = np.empty(count, np.float32)
             sines = np.empty(count, np.float32)
@@ -69,22 +70,18 @@ def kernel_for(taps: int, channels: int) -> Callable[..., None]:
                 dz = z - track[pulse, 2]
                 across = dy * dy + dz * dz
                 along = axis[1] * dy + axis[2] * dz
+                # Loops of one kind each: the compiler turns this one into vectors only if nothing branches in it.
                 for i in range(count):
                     dx = x[x0 + i] - track[pulse, 0]
                     distance = math.sqrt(across + dx * dx)
-                    place = (distance - first_m) * bins_per_m
+                    # What is off the axis is held just off it, where it cannot overflow an index.
+                    place = min(max((distance - first_m) * bins_per_m, -1.0 * taps), 1.0 * (bins + taps))
                     whole = math.floor(place)
                     entry = (place - whole) * TABLE_STEPS
                     entry_whole = math.floor(entry)
-                    start = float(whole - (taps // 2 - 1))
-                    if start < 0.0 or start > last:
-                        outside[i] = True
-                        start = 0.0
-                    first[i] = int(start)
-                    q = int(entry_whole)
-                    part = np.float32(entry - entry_whole)
-                    for k in range(taps):
-                        filters[i, k] = table[q, k] + part * (table[q + 1, k] - table[q, k])
+                    first[i] = int(whole) - (taps // 2 - 1)
+                    entries[i] = int(entry_whole)
+                    parts[i] = np.float32(entry - entry_whole)
                     turns = turns_per_m * distance
                     # Folded to a quarter turn, where these Taylor series are good to 6e-8, float32's own rounding.
                     angle = np.float32(turns - math.floor(turns + 0.5))
@@ -136,6 +133,14 @@ def kernel_for(taps: int, channels: int) -> Callable[..., None]:
                 else:
                     for c in range(channels):
                         gain_total[c] += weights[pulse, c]
+                for i in range(count):
+                    if first[i] < 0 or first[i] > bins - taps:
+                        outside[i] = True
+                        first[i] = 0
+                    q = entries[i]
+                    part = parts[i]
+                    for k in range(taps):
+                        filters[i, k] = table[q, k] + part * (table[q + 1, k] - table[q, k])
                 for c in range(channels):
                     re = profiles[pulse, c]
                     im = profiles[pulse, channels + c]

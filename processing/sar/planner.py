@@ -33,15 +33,20 @@ MIGRATION_ANGLES_DEG = (40.0, 71.0, 80.0, 90.0)
 MIGRATION_ERROR_DB = {False: (-65.0, -61.0, -55.0, 0.0), True: (-64.0, -50.0, -34.0, 0.0)}
 """Error of range migration against back-projection, dB, without and with compensation of the antennas' pattern."""
 
-NANOSECONDS = {"linear": (13.0, 9.0), "cubic": (17.0, 10.0), "lagrange4": (17.0, 10.0), "sinc8": (20.0, 13.0),
-               "sinc16": (25.0, 22.0)}  # fmt: skip
+NANOSECONDS = {
+    "linear": (9.0, 4.0),
+    "cubic": (10.0, 4.5),
+    "lagrange4": (10.0, 4.5),
+    "sinc8": (13.0, 6.5),
+    "sinc16": (19.0, 10.5),
+}
 """Core time of back-projection for one pixel and pulse: once, and for each channel (2.5 GHz server core)."""
 
 PATTERN_NANOSECONDS = 21.0
 """Core time of pattern compensation for one pixel and pulse."""
 
-MIGRATION_NANOSECONDS = 400.0
-"""Core time of range migration for one cell of a channel's two-dimensional spectrum."""
+MIGRATION_NANOSECONDS = (190.0, 140.0)
+"""Core time of range migration for one cell of the two-dimensional spectrum: once, and for each channel."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +115,8 @@ def choices(task: Task) -> list[Choice]:
         k = 4 * math.pi / task.wavelength_m
         along = k * math.sin(task.widest_rad) * 2 * task.furthest_m / math.pi
         across = k * (1 - math.cos(task.widest_rad) * 0.8) * 1.5 * task.furthest_m / (2 * math.pi)
-        seconds = 1e-9 * MIGRATION_NANOSECONDS * along * across * task.channels
+        once, each = MIGRATION_NANOSECONDS
+        seconds = 1e-9 * along * across * (once + each * task.channels)
         offered.append(Choice("rma", "sinc8", migration_error_db(task), seconds, ""))
     return sorted(offered, key=lambda choice: (choice.seconds, choice.predicted_error_db))
 

@@ -172,7 +172,9 @@ def _climb(image: NDArray[np.complexfloating], row: int, column: int) -> tuple[f
     place = np.array([row, column], dtype=np.float64)
     h = 0.25
     for _ in range(30):
-        around = np.array([[_value_at(image, place[0] + i * h, place[1] + j * h) for j in (-1, 0, 1)] for i in (-1, 0, 1)])
+        around = np.array(
+            [[_value_at(image, place[0] + i * h, place[1] + j * h) for j in (-1, 0, 1)] for i in (-1, 0, 1)]
+        )
         if not np.isfinite(around).all() or (around == 0).any():
             break
         level = np.log(np.abs(around))
