@@ -1,4 +1,4 @@
-"""The engine's process: owns the devices, the scheduler and the live view; the writer and the camera are its children.
+"""The engine's process: owns the devices, the scheduler and the live view; its children: writer, camera and guard.
 
 Started by :class:`polfuse_lab.engine.client.EngineClient` with the engine's private directory as its argument.
 """
@@ -14,6 +14,7 @@ import msgspec
 
 from polfuse_lab.engine import protocol
 from polfuse_lab.engine.directory import ADDRESS, REQUEST, remove
+from polfuse_lab.engine.guard import Guard
 from polfuse_lab.engine.recorder import WriterProcess
 from polfuse_lab.engine.server import Server
 from polfuse_lab.live import LivePipeline
@@ -29,6 +30,7 @@ def main(directory: Path) -> None:
     (directory / REQUEST).unlink()
     rig = parse_model(request.rig_toml, Rig, request.rig_path)
     plan = parse_model(request.plan_toml, Plan, request.plan_path)
+    guard = Guard(request.rig_toml, request.rig_path)
     live = LivePipeline(rig)
     recorder = WriterProcess(Path(request.output))
     scheduler = Scheduler(
@@ -50,6 +52,7 @@ def main(directory: Path) -> None:
     unfinished.write_bytes(msgspec.json.encode(address))
     unfinished.replace(directory / ADDRESS)
     outcome = scheduler.run()
+    guard.dismiss()
     live.close()
     server.finish(outcome)
 
