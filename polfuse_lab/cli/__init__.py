@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 
 import typer
 
@@ -39,8 +38,6 @@ def build() -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     for module, function, name in COMMANDS:
-        if importlib.util.find_spec(f"polfuse_lab.cli.{module}") is None:
-            continue
         command = getattr(importlib.import_module(f"polfuse_lab.cli.{module}"), function)
         app.command(name)(command)
     return app

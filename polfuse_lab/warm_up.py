@@ -1,0 +1,48 @@
+"""Compile the numerics once, so that the first picture in the field does not wait for the compiler.
+
+``python -m polfuse_lab.warm_up`` is part of ``make setup``; compiled code is kept beside the sources.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from processing.fusion.kmeans import kmeans
+from processing.optics.series import PolarizerSeries, SensorNoise
+from processing.optics.stokes import stokes_planes
+from processing.radar.profiles import RangeProfiles
+from processing.radar.ridges import best_path
+from processing.sar.backprojection import backproject
+from processing.sar.grid import ImageGrid
+from processing.sar.range_migration import range_migration
+
+
+def warm_up() -> None:
+    """Run every compiled kernel on a few numbers, with the types that the program uses."""
+    antenna_m = np.zeros((16, 3))
+    antenna_m[:, 0] = (np.arange(16) - 7.5) * 0.05
+    profiles = RangeProfiles(
+        values=np.ones((4, 16, 96), dtype=np.complex64),
+        range_m=np.arange(96) * 0.25,
+        antenna_m=antenna_m,
+        channels=("HH", "HV", "VH", "VV"),
+        centre_hz=2.4e9,
+        bandwidth_hz=80e6,
+    )
+    grid = ImageGrid(x_m=np.linspace(-1.0, 1.0, 8), y_m=np.linspace(4.0, 8.0, 8), z_m=-1.0)
+    for interpolator in ("linear", "cubic", "sinc8", "sinc16"):  # one kernel for each filter length
+        backproject(profiles, grid, interpolator=interpolator)
+    range_migration(profiles, grid)
+
+    angles = np.radians([0.0, 45.0, 90.0, 135.0])
+    series = PolarizerSeries(
+        angles_rad=tuple(angles), frames=(1, 1, 1, 1), angle_sd_rad=(0.0,) * 4, noise=SensorNoise(1.0, 1.0)
+    )
+    for sample in (np.float32, np.float64):
+        stokes_planes(np.full((4, 4, 4), 100.0, dtype=sample), np.zeros((4, 4), dtype=bool), series)
+    kmeans(np.arange(24.0).reshape(8, 3), 2)
+    best_path(np.ones((4, 8)), np.array([-1.0, 0.0, 1.0]))
+
+
+if __name__ == "__main__":
+    warm_up()
