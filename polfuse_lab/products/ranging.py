@@ -16,7 +16,7 @@ from polfuse_lab.records import SweepFlag
 from polfuse_lab.session import Session, open_session
 from processing.errors import DataError
 from processing.radar.profiles import RangeProfiles
-from processing.radar.ranging import average, compress, cut_sweeps, range_axis, remove_coupling
+from processing.radar.ranging import above_noise, average, compress, cut_sweeps, range_axis, remove_coupling
 from processing.radar.sync import Polarity, Sync, find_sync
 
 Coupling = Literal["none", "mean", "reference"]
@@ -67,7 +67,7 @@ def range_profiles(
         oversampling: samples of the range axis in one resolution cell c / 2B.
         range_compensated: multiply by R^2, so that a target's amplitude does not depend on its range.
         coupling: ``"none"``; ``"mean"`` takes the mean over positions off; ``"reference"`` takes the mean over
-            ``reference``'s positions off, channel by channel.
+            ``reference``'s positions off, channel by channel, where that stands above its own noise.
         reference: profiles of the coupling alone (of a sky session), made with the same axis and window.
 
     Raises:
@@ -226,4 +226,4 @@ def _without_coupling(
     empty = np.nanmean(np.asarray(reference.values, dtype=np.complex128)[order], axis=1, keepdims=True)
     if reference.range_compensated:
         empty = np.divide(empty, reference.range_m**2, out=np.zeros_like(empty), where=reference.range_m > 0)
-    return np.asarray(remove_coupling(values, empty), dtype=np.complex128)
+    return np.asarray(remove_coupling(values, above_noise(empty)), dtype=np.complex128)

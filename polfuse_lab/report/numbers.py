@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from polfuse_lab.products.store import Products
-from polfuse_lab.report.text import Number, value_text
+from polfuse_lab.report.text import Number
 
 
 def stage_numbers(products: Products) -> list[Number]:
@@ -103,7 +103,7 @@ def _fusion(products: Products) -> list[Number]:
         found.append(Number("Registration", float(np.median(error)), "px", note=note))
     for pair, distance in settings["bhattacharyya"].items():
         upper = 100 * float(settings["bayes_bounds"][pair][1])
-        confused = "below 10⁻⁶ %" if upper < 1e-6 else f"at most {value_text(upper)} %"
+        confused = "below 10⁻⁶ %" if upper < 1e-6 else f"at most {upper:.2g} %"
         note = f"Bhattacharyya distance (thesis 7.2), {distance['pauli']:.2f} by radar alone; Bayes error {confused}"
         found.append(Number(f"Separation {pair}", float(distance["pauli_dolp"]), note=note))
     return found

@@ -25,11 +25,15 @@ class Number:
 def value_text(value: float, sd: float | None = None) -> str:
     """A number with its uncertainty to two significant digits, ``"30.78 ± 0.12"``; without one, four digits.
 
-    Undefined numbers are an em dash.
+    Whole numbers are written in full. Undefined numbers are an em dash.
     """
     if not math.isfinite(value):
         return "—"
     if sd is None or not math.isfinite(sd) or sd <= 0:
+        if value == round(value) and abs(value) < 1e9:
+            # Whole numbers in full, in groups of three from five digits on.
+            grouped = f"{value:,.0f}".replace(",", "\u202f") if abs(value) >= 1e4 else f"{value:.0f}"
+            return _minus(grouped)
         return _minus(f"{value:.4g}")
     digits = max(1 - math.floor(math.log10(sd)), 0)
     if digits > MOST_DECIMALS:

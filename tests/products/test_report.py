@@ -141,6 +141,8 @@ def test_when_a_check_holds(check: Check, ok: bool) -> None:
         (math.nan, None, "—"),
         (2.5, math.nan, "2.5"),
         (2.5, 0.0, "2.5"),
+        (27_320.0, None, "27\u202f320"),
+        (-1804.0, None, "−1804"),
     ],
 )
 def test_numbers_have_the_digits_that_their_uncertainty_allows(value: float, sd: float | None, text: str) -> None:
