@@ -64,7 +64,7 @@ def region_polarization(
     if mean[0] <= 0:
         raise DataError(f"the region's mean intensity is {mean[0]:.3g} counts", "choose one that is lit")
     # Noise is independent from pixel to pixel, that of a subtracted dark image too; it is only common to the angles.
-    random = series.random_covariance(mean) / pixels
+    random = series.random_covariance(mean) / max(pixels * series.samples_per_pixel, 1.0)
     systematic = series.systematic_covariance(mean)
     dolp, raw, _, aop, aop_sd, _ = polarization(mean, random + systematic)
     random_sd = float(polarization(mean, random)[2])

@@ -57,6 +57,8 @@ class PolarizerSeries:
         extinction_relative_sd: relative standard deviation of the extinction ratio.
         intensity_stability: relative standard deviation of light source and exposure between angles. It is what
             division of time costs: no averaging over pixels removes it.
+        samples_per_pixel: independent samples of each angle in a pixel; below 1 where planes are interpolated from
+            fewer (:data:`processing.optics.demosaic.SAMPLES_PER_PIXEL`). Means over regions count samples, not pixels.
 
     Raises:
         DataError: lengths that differ, fewer frames than one, a negative sd, or angles that do not determine
@@ -72,6 +74,7 @@ class PolarizerSeries:
     zero_sd_rad: float = 0.0
     extinction_relative_sd: float = 0.1
     intensity_stability: float = 1e-3
+    samples_per_pixel: float = 1.0
 
     def __post_init__(self) -> None:
         if not len(self.angles_rad) == len(self.frames) == len(self.angle_sd_rad):
@@ -84,6 +87,8 @@ class PolarizerSeries:
             raise DataError("a standard deviation of the polarizer series is negative or not finite", "correct it")
         if self.dark_frames < 0:
             raise DataError(f"{self.dark_frames} dark frames", "give 0 or more")
+        if not 0 < self.samples_per_pixel <= 1:
+            raise DataError(f"a pixel holds {self.samples_per_pixel} samples of each angle", "give up to 1")
         self.solution()
 
     @property

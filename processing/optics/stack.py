@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import DataError
+from processing.optics.demosaic import SAMPLES_PER_PIXEL, demosaic
+from processing.optics.mosaic import ANGLES_DEG, Mosaic, spread
 from processing.optics.series import PolarizerSeries, SensorNoise
 
 SAME_ANGLE_RAD = 1e-4
@@ -128,24 +130,77 @@ class FrameStack:
             DataError: no complete frame, or angles that do not determine S0, S1 and S2.
         """
         whole = sorted((group for group in self._angles if group.frames), key=lambda group: group.angle_rad)
-        if self._saturated is None or not whole:
-            raise DataError("there is no complete frame of a polarizer series", "collect with [optics] in the plan")
-        dark_frames = self._dark.frames if self._dark is not None else 0
+        light = self._light(whole)
+        assert self._saturated is not None
         series = PolarizerSeries(
             angles_rad=tuple(group.angle_rad for group in whole),
             frames=tuple(group.frames for group in whole),
             angle_sd_rad=tuple(group.sd_rad for group in whole),
             extinction_ratio=extinction_ratio,
             noise=noise or SensorNoise(),
-            dark_frames=dark_frames,
+            dark_frames=self._dark_frames,
             zero_sd_rad=zero_sd_rad,
             intensity_stability=intensity_stability,
         )
-        black = self._dark.total / dark_frames if self._dark is not None and dark_frames else self._black
-        light = np.empty((len(whole), *self._saturated.shape), dtype=np.float32)
-        for image, group in zip(light, whole, strict=True):
-            image[:] = group.total / group.frames - black
         return AveragedSeries(light, self._saturated.copy(), series, len(whole) < len(self._angles))
+
+    def averaged_mosaic(
+        self,
+        mosaic: Mosaic,
+        *,
+        noise: SensorNoise | None = None,
+        extinction_ratio: float = math.inf,
+        zero_sd_rad: float = 0.0,
+        response_sd: float = 1e-3,
+    ) -> AveragedSeries:
+        """Mean light behind each angle of a sensor with polarizers on its pixels, at full size (bilinear).
+
+        All frames are averaged, whatever their polarizer angle, then interpolated
+        (:func:`processing.optics.demosaic.demosaic`). A saturated pixel spoils its neighbours too. Per-pixel errors are
+        those of a pixel's own sample: an interpolated one, mean of two or four, is up to twice as good.
+
+        Args:
+            mosaic: polarizers on the pixels.
+            noise: as :meth:`averaged`.
+            extinction_ratio: of these polarizers.
+            zero_sd_rad: standard deviation of the sensor's orientation, radians.
+            response_sd: relative sd of the response of pixels behind one angle against that behind another.
+
+        Raises:
+            DataError: no complete frame, or an odd number of rows or columns.
+        """
+        whole = [group for group in self._angles if group.frames]
+        (mean,) = self._light(whole, together=True)
+        assert self._saturated is not None
+        frames = sum(group.frames for group in whole)
+        series = PolarizerSeries(
+            angles_rad=tuple(math.radians(angle) for angle in ANGLES_DEG),
+            frames=(frames,) * len(ANGLES_DEG),
+            angle_sd_rad=(0.0,) * len(ANGLES_DEG),
+            extinction_ratio=extinction_ratio,
+            noise=noise or SensorNoise(),
+            dark_frames=self._dark_frames,
+            zero_sd_rad=zero_sd_rad,
+            intensity_stability=response_sd,
+            samples_per_pixel=SAMPLES_PER_PIXEL,
+        )
+        return AveragedSeries(demosaic(mean, mosaic), spread(self._saturated), series, False)
+
+    @property
+    def _dark_frames(self) -> int:
+        return self._dark.frames if self._dark is not None else 0
+
+    def _light(self, groups: list[_Angle], *, together: bool = False) -> NDArray[np.float32]:
+        """(K, rows, columns) mean counts above black of each group, or (1, ...) of all of them ``together``."""
+        if self._saturated is None or not groups:
+            raise DataError("there is no complete frame of a polarizer series", "collect with [optics] in the plan")
+        black = self._dark.total / self._dark.frames if self._dark is not None and self._dark.frames else self._black
+        batches = [groups] if together else [[group] for group in groups]
+        light = np.empty((len(batches), *self._saturated.shape), dtype=np.float32)
+        for image, batch in zip(light, batches, strict=True):
+            total = batch[0].total if len(batch) == 1 else np.sum([group.total for group in batch], axis=0)
+            image[:] = total / sum(group.frames for group in batch) - black
+        return light
 
     def _group(self, angle_rad: float) -> _Angle | None:
         if not math.isfinite(angle_rad):
