@@ -20,7 +20,7 @@ from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost, DeviceRefus
 from drivers.options import checked
 from drivers.records import AudioBlock, ClockFix, Identity, Level
 from hw_mocks.loopback import HOST, MAX_LINE, Address, connect
-from hw_mocks.sound_card.stream_server import HEADER
+from hw_mocks.sound_card.stream_server import read_block
 
 FULL_SCALE = 32_768.0
 
@@ -145,14 +145,7 @@ class SceneRadar:
             connection.settimeout(None)
             with connection.makefile("rb") as stream:
                 while True:
-                    header = stream.read(HEADER.size)
-                    if len(header) < HEADER.size:
-                        raise ConnectionError("it hung up")
-                    first, t_ns, frames = HEADER.unpack(header)
-                    payload = stream.read(4 * frames)
-                    if len(payload) < 4 * frames:
-                        raise ConnectionError("it hung up")
-                    samples = np.frombuffer(payload, dtype="<i2").astype(np.int16).reshape(-1, 2)
+                    samples, first, t_ns = read_block(stream.read)
                     with self._lock:
                         self._take(samples, first, t_ns)
         except (OSError, ValueError) as error:
@@ -166,6 +159,8 @@ class SceneRadar:
         if self._following is None:
             self._origin = self._following = first
         missing = first - self._following
+        if missing < 0:
+            raise ValueError("its frame numbers run backwards")
         self._lost += missing
         self._following = first + len(samples)
         self._newest, self._alive_ns = (first - self._origin, t_ns), time.monotonic_ns()

@@ -11,6 +11,7 @@ import contextlib
 import json
 import socket
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,6 +22,29 @@ from hw_mocks.sound_card.sample_formats import encode
 
 HEADER = struct.Struct("<QqI")
 BACKLOG_S = 2.0
+LONGEST_BLOCK = 1_000_000
+"""Frames that one block may hold; whoever announces more sends something else."""
+
+
+def read_block(read: Callable[[int], bytes]) -> tuple[NDArray[np.int16], int, int]:
+    """Read one block: samples (frames, 2), number of the first frame, host time of its sampling (ns).
+
+    Args:
+        read: gives as many bytes as asked for, fewer only at the stream's end.
+
+    Raises:
+        ConnectionError: the stream ends. ValueError: a block that no sound card sends.
+    """
+    header = read(HEADER.size)
+    if len(header) < HEADER.size:
+        raise ConnectionError("it hung up")
+    first, t_ns, frames = HEADER.unpack(header)
+    if frames > LONGEST_BLOCK:
+        raise ValueError(f"it announces a block of {frames} frames")
+    payload = read(4 * frames)
+    if len(payload) < 4 * frames:
+        raise ConnectionError("it hung up")
+    return np.frombuffer(payload, dtype="<i2").astype(np.int16).reshape(-1, 2), first, t_ns
 
 
 @dataclass
