@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import DeviceError
+from drivers.radar.health import Severity
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.live import sync_problem
+from polfuse_lab.live import signal_health, sync_problem
 from polfuse_lab.plans.dry_run import record_frames
 from polfuse_lab.rig import Rig, read_model
 from polfuse_lab.scheduler.control import Control
@@ -16,7 +18,10 @@ from polfuse_lab.scheduler.devices import OPEN_S, Device, DeviceSet, make_device
 from polfuse_lab.scheduler.prompts import Prompts
 
 KINDS = ("radar", "switches", "trolley", "camera", "polarizer")
-LISTEN_S = 10.0
+LISTEN_S = 2.0
+"""Length of the piece that is judged, s: enough to tell mains hum from the sweeps."""
+PATIENCE_S = 10.0
+CHECK = "check the radar's power, its cable and the input level"
 
 
 @dataclass(frozen=True)
@@ -77,25 +82,28 @@ def _examine_open(rig: Rig, device: Device, devices: DeviceSet) -> Finding:
     assert device.identity is not None
     detail = " ".join(part for part in (device.identity.name, device.identity.detail) if part)
     if device.kind == "radar":
-        problem = _listen(rig, devices)
-        if problem is not None:
-            return Finding(device.driver, device.kind, False, f"{detail}: {problem}", _signal_advice(problem))
-        detail += ", sync found"
+        return _listen(rig, device, detail, devices)
     return Finding(device.driver, device.kind, True, detail, "")
 
 
-def _listen(rig: Rig, devices: DeviceSet) -> str | None:
+def _listen(rig: Rig, device: Device, detail: str, devices: DeviceSet) -> Finding:
+    """Record for :data:`LISTEN_S` and say what is wrong with the signal."""
     radar = devices.radar
-    frames = record_frames(rig, 3, radar.sample_rate_hz)
-    devices.call("radar", radar.begin, frames)
-    end = time.monotonic() + LISTEN_S
+    sweeps = max(3, math.ceil(LISTEN_S / rig.waveform.sweep_period_s))
+    devices.call("radar", radar.begin, record_frames(rig, sweeps, radar.sample_rate_hz))
+    end = time.monotonic() + PATIENCE_S
     while (block := devices.call("radar", radar.poll)) is None:
         if time.monotonic() > end:
-            return f"no samples within {LISTEN_S:g} s"
+            what = f"{detail}: no samples within {PATIENCE_S:g} s"
+            return Finding(device.driver, device.kind, False, what, CHECK)
         devices.control.slice()
-    return sync_problem(rig, block.samples, block.sample_rate_hz)
-
-
-def _signal_advice(problem: str) -> str:
-    advice = problem.partition("; ")[2]
-    return advice or "check the radar's power, its cable and the input level"
+    health = signal_health(rig, block.samples, block.sample_rate_hz)
+    if health.error is not None:
+        return Finding(device.driver, device.kind, False, f"{detail}: {health.error.sentence}", health.error.advice)
+    problem = sync_problem(rig, block.samples, block.sample_rate_hz)
+    if problem is not None:
+        return Finding(device.driver, device.kind, False, f"{detail}: {problem}", problem.partition("; ")[2] or CHECK)
+    detail += ", sync found"
+    sentences = [finding.sentence for finding in health.findings]
+    advice = [finding.advice for finding in health.findings if finding.severity >= Severity.WARNING]
+    return Finding(device.driver, device.kind, True, "; ".join([detail, *sentences]), "; ".join(advice))

@@ -13,16 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.radar.health import Severity, SignalHealth, SyncMeasure, examine_signal
 from polfuse_lab.records import Record, Sweeps
 from polfuse_lab.rig import Rig
 from processing.errors import DataError
+from processing.radar.sync import Sync, find_sync
 
 QUEUE = 8
 """Records that may wait to be shown."""
-CLIPPED = 0.002
-"""Share of the beat's samples at full scale above which it counts as clipped."""
-WEAK = 3e-4
-"""Rms of the beat, fraction of full scale, below which it counts as missing (10 counts of int16)."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +100,6 @@ class LivePipeline:
 
     def _compress(self, record: Sweeps) -> Preview:
         from processing.radar.ranging import average, compress, cut_sweeps, range_axis, unambiguous_range_m
-        from processing.radar.sync import find_sync
 
         waveform = self._rig.waveform
         block = record.block
@@ -112,7 +109,7 @@ class LivePipeline:
             nominal_period_s=waveform.sweep_period_s,
             ramp_up_s=waveform.ramp_up_s,
         )
-        self._check_level(record, sync.beat_channel)
+        self._check_signal(record, sync)
         sweeps = cut_sweeps(block.samples, sync)
         reach = unambiguous_range_m(waveform.bandwidth_hz, sweeps.ramp_samples) - self._rig.geometry.range_offset_m
         # A whole cell below the limit, since the axis ends at or after the range asked for.
@@ -131,15 +128,13 @@ class LivePipeline:
         number = 1 if self._preview is None else self._preview.number + 1
         return Preview(number, record.position, record.x_m, record.channel.name, float(axis[1]), level)
 
-    def _check_level(self, record: Sweeps, beat_channel: int) -> None:
-        samples = record.block.samples
-        beat = samples[:, beat_channel].astype(np.float64) / _full_scale(samples)
-        where = f"at position {record.position}, {record.channel.name}"
-        clipped = float(np.mean(np.abs(beat) >= 0.999))
-        if clipped > CLIPPED:
-            self._warn(f"the beat is clipped {where} ({100 * clipped:.1f} % of its samples): lower the input level")
-        elif float(np.std(beat)) < WEAK:
-            self._warn(f"the beat is very weak {where}: check the cable and raise the input level")
+    def _check_signal(self, record: Sweeps, sync: Sync) -> None:
+        health = signal_health(self._rig, record.block.samples, record.block.sample_rate_hz, sync)
+        for finding in health.findings:
+            if finding.severity >= Severity.WARNING:
+                measured = f" ({finding.measured})" if finding.measured else ""
+                where = f"at position {record.position}, {record.channel.name}"
+                self._warn(f"{finding.what} {where}{measured}: {finding.advice}")
 
     def _warn(self, text: str) -> None:
         # One line for each kind of trouble: the first place where it was seen is enough.
@@ -152,10 +147,26 @@ def _full_scale(samples: NDArray[np.generic]) -> float:
     return 2.0 ** (8 * samples.dtype.itemsize - 1) - 1 if samples.dtype.kind == "i" else 1.0
 
 
+def signal_health(
+    rig: Rig, samples: NDArray[np.generic], sample_rate_hz: float, sync: Sync | None = None
+) -> SignalHealth:
+    """What is wrong with a recording, judged by the rig's waveform and, where it is known, the recording's sync."""
+    waveform = rig.waveform
+    measure = None
+    if sync is not None:
+        up = sync.ramp_samples / sync.period_samples
+        measure = SyncMeasure(sync.channel, sync.period_s, 1 - up if sync.inverted else up)
+    return examine_signal(
+        samples,
+        sample_rate_hz,
+        nominal_period_s=waveform.sweep_period_s,
+        ramp_up_s=waveform.ramp_up_s,
+        sync=measure,
+    )
+
+
 def sync_problem(rig: Rig, samples: NDArray[np.generic], sample_rate_hz: float) -> str | None:
     """Why a recording cannot be ranged (silent, mono, no sync …), None when its sync is found."""
-    from processing.radar.sync import find_sync
-
     try:
         find_sync(
             samples,

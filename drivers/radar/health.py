@@ -76,6 +76,13 @@ class SignalFinding:
     severity: Severity
     what: str
     advice: str
+    measured: str = ""
+    """The number behind it, in words."""
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong, with its number."""
+        return f"{self.what} ({self.measured})" if self.measured else self.what
 
 
 @dataclass(frozen=True)
@@ -107,10 +114,14 @@ class SignalHealth:
 
 
 @dataclass(frozen=True)
-class _Sync:
+class SyncMeasure:
+    """What is known of a piece's sync."""
+
     channel: int
     period_s: float
+    """Sweep period (up and down), s."""
     high_share: float
+    """Share of the period for which the sync is high."""
 
 
 def fractions(samples: NDArray[Any]) -> Floats:
@@ -131,6 +142,7 @@ def examine_signal(
     nominal_period_s: float | None = None,
     ramp_up_s: float | None = None,
     sync_channel: int | None = None,
+    sync: SyncMeasure | None = None,
 ) -> SignalHealth:
     """Measure a piece of audio and name what is wrong with it.
 
@@ -143,6 +155,7 @@ def examine_signal(
         nominal_period_s: expected sweep period (up and down), s, if known.
         ramp_up_s: expected length of the up-ramp, s, if known; it tells the sync's polarity.
         sync_channel: channel on which the sync is expected, if any is.
+        sync: the sync, where it has been measured better than here.
 
     Raises:
         ValueError: not stereo, or no samples.
@@ -152,8 +165,9 @@ def examine_signal(
     values = fractions(samples)
     level = _level(values)
     found = _dead(values)
-    sync = None if found else _find_sync(values, sample_rate_hz)
-    if sync is None:
+    if sync is None and not found:
+        sync = _find_sync(values, sample_rate_hz)
+    if sync is None or found:
         found = found or [
             SignalFinding(
                 Trouble.NO_SYNC,
@@ -217,9 +231,9 @@ def _dead(values: Floats) -> list[SignalFinding]:
     return []
 
 
-def _find_sync(values: Floats, rate: float) -> _Sync | None:
+def _find_sync(values: Floats, rate: float) -> SyncMeasure | None:
     """The channel that is a sync; the one that keeps closer to two levels where both look like one."""
-    best: tuple[float, _Sync] | None = None
+    best: tuple[float, SyncMeasure] | None = None
     for channel in (0, 1):
         signal = values[:, channel]
         low, high = np.percentile(signal, (5, 95))
@@ -237,9 +251,9 @@ def _find_sync(values: Floats, rate: float) -> _Sync | None:
         if np.mean(np.abs(periods - period) <= max(0.05 * period, 2)) < 0.7:
             continue
         whole = state[rises[0] + 1 : rises[-1] + 1]
-        sync = _Sync(channel, period / rate, float(np.mean(whole > 0)))
+        measure = SyncMeasure(channel, period / rate, float(np.mean(whole > 0)))
         if best is None or near > best[0]:
-            best = (near, sync)
+            best = (near, measure)
     return None if best is None else best[1]
 
 
@@ -252,7 +266,7 @@ def _schmitt(signal: Floats, low: float, high: float) -> NDArray[np.int8]:
     return state[np.where(last < 0, first, last)]
 
 
-def _inverted(sync: _Sync, ramp_up_s: float | None) -> bool | None:
+def _inverted(sync: SyncMeasure, ramp_up_s: float | None) -> bool | None:
     """Whether the sync's low part is the up-ramp: told by which of both lengths fits the ramp; None where both do."""
     if ramp_up_s is None:
         return None
@@ -261,35 +275,45 @@ def _inverted(sync: _Sync, ramp_up_s: float | None) -> bool | None:
     return None if abs(as_high - as_low) < 0.1 else as_low < as_high
 
 
-def _period_findings(sync: _Sync, nominal_s: float | None) -> list[SignalFinding]:
+def _period_findings(sync: SyncMeasure, nominal_s: float | None) -> list[SignalFinding]:
     if nominal_s is None:
         return []
     ratio = sync.period_s / nominal_s
-    found = f"the sweep period is {sync.period_s * 1e3:.2f} ms, the nominal one {nominal_s * 1e3:g} ms"
+    measured = f"{sync.period_s * 1e3:.2f} ms, nominal {nominal_s * 1e3:g} ms"
     if not 1 / PERIOD_FACTOR <= ratio <= PERIOD_FACTOR:
         advice = "set waveform.sweep_period_s to the radar's sweep period (up and down), or mend the ramp generator"
-        return [SignalFinding(Trouble.WRONG_PERIOD, Severity.ERROR, found, advice)]
+        return [
+            SignalFinding(
+                Trouble.WRONG_PERIOD, Severity.ERROR, "the sync's rhythm is not the sweeps'", advice, measured
+            )
+        ]
     if abs(ratio - 1) > PERIOD_TOLERANCE:
         advice = "nothing needs to be done: the measured period is used; trim the ramp generator if ranges matter"
-        return [SignalFinding(Trouble.PERIOD_OFF, Severity.NOTE, found, advice)]
+        return [
+            SignalFinding(Trouble.PERIOD_OFF, Severity.NOTE, "the sweep period is off its nominal", advice, measured)
+        ]
     return []
 
 
 def _beat_findings(clipped: float, rms: float, offset: float, hum_hz: float, hum: float) -> list[SignalFinding]:
-    found: list[tuple[Trouble, str, str]] = []
+    found: list[tuple[Trouble, str, str, str]] = []
     if clipped > CLIPPED:
-        what = f"the beat is clipped ({100 * clipped:.1f} % of its samples)"
-        found.append((Trouble.CLIPPED, what, "lower the input level, or move the target further away"))
+        advice = "lower the input level, or move the target further away"
+        found.append((Trouble.CLIPPED, "the beat is clipped", advice, f"{100 * clipped:.1f} % of its samples"))
     elif rms < WEAK:
-        what = f"the beat is very weak ({20 * math.log10(max(rms, 1e-9)):.0f} dB of full scale)"
-        found.append((Trouble.WEAK, what, "check the beat's cable and raise the input level"))
+        advice = "check the beat's cable and raise the input level"
+        found.append((Trouble.WEAK, "the beat is very weak", advice, _full_scale_db(rms)))
     if abs(offset) > OFFSET:
-        what = f"the beat has an offset of {100 * offset:.0f} % of full scale"
-        found.append((Trouble.OFFSET, what, "use an input that blocks direct current, or a capacitor in the line"))
+        advice = "use an input that blocks direct current, or a capacitor in the line"
+        found.append((Trouble.OFFSET, "the beat has an offset", advice, f"{100 * offset:.0f} % of full scale"))
     if hum > HUM:
-        what = f"mains hum at {hum_hz:g} Hz in the beat ({20 * math.log10(hum):.0f} dB of full scale)"
-        found.append((Trouble.HUM, what, "run the computer on its battery or break the ground loop with a transformer"))
-    return [SignalFinding(trouble, Severity.WARNING, what, advice) for trouble, what, advice in found]
+        advice = "run the computer on its battery, or break the ground loop with a transformer"
+        found.append((Trouble.HUM, "the beat carries mains hum", advice, f"{hum_hz:g} Hz, {_full_scale_db(hum)}"))
+    return [SignalFinding(trouble, Severity.WARNING, *words) for trouble, *words in found]
+
+
+def _full_scale_db(amplitude: float) -> str:
+    return f"{20 * math.log10(max(amplitude, 1e-9)):.0f} dB of full scale"
 
 
 def _hum(beat: Floats, rate: float, period_s: float) -> tuple[float, float]:

@@ -386,7 +386,7 @@ class SoundPort:
         """
         error = self.health(nominal_period_s).error
         if error is not None:
-            raise DeviceBadAnswer(error.what, where=self._where, advice=error.advice)
+            raise DeviceBadAnswer(error.sentence, where=self._where, advice=error.advice)
 
     def _recent(self, seconds: float) -> NDArray[np.generic] | None:
         """The last samples; None before there are any."""
@@ -395,7 +395,7 @@ class SoundPort:
         return ring.read(ring.written - frames, frames) if frames else None
 
     def clock(self) -> ClockFix | None:
-        """The least delayed arrival of the last second: sample clock (frames, lost ones counted, over the nominal
+        """The least delayed arrival of the last whole second: sample clock (frames, lost ones counted, over the nominal
         rate) against the host's. The delay of that arrival lies between none and about one block.
         """
         with self._lock:

@@ -61,7 +61,8 @@ class StreamClock:
         self._drift_from_ns = 0
         self._drift_least_s = math.inf
         self._flagged: deque[Arrival] = deque(maxlen=1024)
-        self._best: tuple[int, int, int] = (0, 0, 0)
+        # What best_arrival tells: of the present drift window, and of the last whole one.
+        self._best = self._whole_best = (0, 0, 0)
         self._last_adc: tuple[int, float] | None = None
         self._adc_steps: deque[float] = deque(maxlen=64)
 
@@ -82,8 +83,8 @@ class StreamClock:
 
     @property
     def best_arrival(self) -> tuple[int, int, int]:
-        """(frames including lost ones, host ns, block frames) of the least delayed arrival of the last second."""
-        return self._best
+        """(frames including lost ones, host ns, block frames) of the least delayed arrival of the last whole second."""
+        return self._whole_best if self._whole_best[0] else self._best
 
     def lost_before(self, frame: int) -> int:
         """Frames missing before a received frame."""
@@ -184,6 +185,8 @@ class StreamClock:
         if arrival.host_ns - self._drift_from_ns >= DRIFT_WINDOW_S * 1e9:
             self._origin_ns += 0.5 * self._drift_least_s * 1e9
             self._drift_from_ns, self._drift_least_s = arrival.host_ns, math.inf
+            # A window that has only begun may hold late arrivals alone: only whole ones are told.
+            self._whole_best = self._best
 
     def _adc_jump(self, arrival: Arrival) -> float:
         """How much more ADC time than frames passed since the last callback, s; NaN where ADC times are not clean."""
