@@ -19,6 +19,9 @@ from drivers.records import ClockFix, Frame, Identity
 EMPTY = np.zeros((0, 0), dtype=np.uint16)
 """Image of a frame whose pixels travel through shared memory."""
 
+_NO_MESSAGE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
+"""What msgspec raises for bytes that are no message."""
+
 
 class Message(msgspec.Struct, tag=True):
     """Any message."""
@@ -162,7 +165,7 @@ def hear_request(pipe: Connection) -> Request:
     """The next request. Raises EOFError or OSError when the other end is gone or talks nonsense."""
     try:
         request: Request = _requests.decode(pipe.recv_bytes())
-    except msgspec.MsgspecError as error:
+    except _NO_MESSAGE as error:
         raise EOFError(str(error)) from error
     return request
 
@@ -176,7 +179,7 @@ def hear_answer(pipe: Connection) -> Answer:
     """
     try:
         answer: Answer = _answers.decode(pipe.recv_bytes())
-    except msgspec.MsgspecError as error:
+    except _NO_MESSAGE as error:
         raise DeviceBadAnswer(
             f"said what is no message ({error})", where="camera process", advice="open the camera again"
         ) from error

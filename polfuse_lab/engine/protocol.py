@@ -149,5 +149,21 @@ class Finished(msgspec.Struct, frozen=True, tag=True):
 EngineMessage = StatusEvent | Refused | Finished
 
 encode = msgspec.msgpack.Encoder().encode
-decode_client = msgspec.msgpack.Decoder(ClientMessage).decode
-decode_engine = msgspec.msgpack.Decoder(EngineMessage).decode
+_client = msgspec.msgpack.Decoder(ClientMessage)
+_engine = msgspec.msgpack.Decoder(EngineMessage)
+
+
+def decode_client(data: bytes) -> ClientMessage:
+    """A client's message. Raises :class:`msgspec.DecodeError` for anything else."""
+    try:
+        return _client.decode(data)
+    except (UnicodeDecodeError, RecursionError) as error:  # what msgspec leaves as it is
+        raise msgspec.DecodeError(str(error)) from None
+
+
+def decode_engine(data: bytes) -> EngineMessage:
+    """The engine's message. Raises :class:`msgspec.DecodeError` for anything else."""
+    try:
+        return _engine.decode(data)
+    except (UnicodeDecodeError, RecursionError) as error:
+        raise msgspec.DecodeError(str(error)) from None

@@ -1,0 +1,334 @@
+"""Every parser that reads what comes from outside: lines, datagrams, messages and files."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import socket
+import struct
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import serial
+
+from benchmarks.fault_stands import RIG
+from benchmarks.fuzzing import LONGEST, Target
+from benchmarks.serial_handlers.protocol_fuzz import Serial
+from drivers.errors import DeviceError
+from drivers.polarizer import elliptec
+from drivers.polarizer.ell14 import Ell14
+from drivers.records import AudioBlock, Channel, TrolleyFix
+from drivers.switches.dowkey_ms import DowKeyMs
+from drivers.switches.minicircuits_rc import MiniCircuitsRc
+from drivers.switches.numato_relay import NumatoRelay
+from drivers.transport import SerialLine
+from drivers.trolley.grbl import GrblTrolley
+from drivers.trolley.grbl_protocol import explain, parse_report, parse_setting
+from hw_mocks.faults import parse_fault
+from hw_mocks.gige_camera import GigeCamera, Pattern
+from hw_mocks.gige_camera.gvcp import GvcpServer
+from hw_mocks.grbl import Grbl
+from hw_mocks.loopback import Address
+from hw_mocks.numato import RelayModule
+from hw_mocks.rotator import Rotator
+from hw_mocks.scene_file import SceneFile
+from hw_mocks.sound_card.stream_server import HEADER, read_block
+from hw_mocks.switch_box import SwitchBox
+from hw_mocks.world import World
+from polfuse_lab.engine import protocol
+from polfuse_lab.errors import PolfuseError
+from polfuse_lab.imports.riff import read_wav
+from polfuse_lab.plans import Plan
+from polfuse_lab.records import Sweeps
+from polfuse_lab.rig import Rig
+from polfuse_lab.rig.toml_model import parse_model
+from polfuse_lab.session.layout import SessionConfig
+from polfuse_lab.session.recovery import recover
+from polfuse_lab.session.writer import SessionWriter
+
+_IN_MEMORY_S = 1e-4
+"""Time-out of a driver whose device answers at once or never."""
+_EXAMPLES = Path(__file__).resolve().parent.parent / "polfuse_lab" / "rig" / "examples"
+_SCENES = Path(__file__).resolve().parent.parent / "examples" / "scenes"
+
+_GRBL = (
+    b"<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>",
+    b"<Run|MPos:2.260,0.000,0.000|FS:432,0|Pn:RHS|Ov:100,100,100>",
+    b"<Hold:1|WPos:-12.500,0.000,0.000|FS:0,0|WCO:1.000,0.000,0.000>",
+    b"$110=30000.000",
+    b"ALARM:3",
+    b"error:9",
+)
+_ELL14 = (b"0PO00004600", b"0GS09", b"0IN0E1140SIM120230101016800023000", b"FPOFFFFFFFF")
+_GVCP = (
+    "42110002 00000001",
+    "42010080 00080002 00000000 00000a00",
+    "42010082 00100003 00000a00 00000002 00000938 000003e8",
+    "42010084 00080004 00000200 00000200",
+    "42010086 00100005 000000e8 7261696c 00000000 00000000",
+    "42000040 000c0006 00000007 00000003 00000005",
+)
+_HTTP = tuple(
+    b"HTTP/1.0 200 OK\r\nContent-Type: text/plain\r\nContent-Length: %d\r\n\r\n%s" % (len(body), body)
+    for body in (b"0", b"3", b"SWPORT=5")
+)
+
+
+def _grbl(data: bytes) -> None:
+    line = data.decode("latin-1")
+    explain(line)
+    parse_setting(line)
+    parse_report(line, (1.0, 0.0, 0.0), "fuzz")
+
+
+def _elliptec(data: bytes) -> None:
+    message = data.decode("latin-1")
+    elliptec.status(message)
+    elliptec.position(message)
+    elliptec.information(message)
+
+
+def _stream(data: bytes) -> None:
+    read_block(io.BytesIO(data).read)
+
+
+def _world_address(data: bytes) -> None:
+    Address.parse(data.decode("latin-1"))
+
+
+def _fault(data: bytes) -> None:
+    parse_fault(data.decode("latin-1"))
+
+
+def _client_message(data: bytes) -> None:
+    protocol.decode_client(data)
+
+
+def _engine_message(data: bytes) -> None:
+    protocol.decode_engine(data)
+
+
+def _toml(model: type[Any]) -> Callable[[bytes], None]:
+    def feed(data: bytes) -> None:
+        parse_model(data.decode("utf-8", "replace"), model, "fuzz.toml")
+
+    return feed
+
+
+class _Conversation:
+    """A real driver against a simulated device in memory; what the device says first is mutated on its way."""
+
+    def __init__(self, name: str, device: Any) -> None:
+        if "benchmarks.serial_handlers" not in serial.protocol_handler_packages:
+            serial.protocol_handler_packages.append("benchmarks.serial_handlers")
+        self.url = f"fuzz://{name}"
+        self._device = device
+        self._input: bytes | None = None
+        self._said: list[bytes] = []
+        Serial.peers[name] = self._answer
+
+    def _answer(self, data: bytes) -> bytes:
+        answer: bytes = self._device.handle(data)
+        self._said.append(answer)
+        given, self._input = self._input, None
+        return answer if given is None else given
+
+    def target(self, name: str, ask: Callable[[], object], more: tuple[bytes, ...]) -> Target:
+        """Answer the first question of ``ask`` with the input; seeds are what the device says, and ``more``."""
+        self._said.clear()
+        ask()
+        said = tuple(answer for answer in self._said if answer)
+
+        def feed(data: bytes) -> None:
+            self._said.clear()
+            self._input = data
+            ask()
+
+        return Target(name, feed, (*said, *more), (DeviceError,), 3)
+
+
+def _conversations(folder: Path) -> Iterator[Target]:
+    world = World()
+    dowkey = _Conversation("dowkey", SwitchBox(world))
+    switches = DowKeyMs(DowKeyMs.Options(port=dowkey.url, timeout_s=_IN_MEMORY_S, cycles_folder=str(folder)))
+    switches.open()
+    more: tuple[bytes, ...] = (b"2\r\n", b"255\r\n", b"-3,SWITCH NUMBER OUT OF RANGE\r\n", b"1\r2\n")
+    yield dowkey.target("Dow-Key MS driver", switches.state, more)
+
+    numato = _Conversation("numato", RelayModule(world))
+    relays = NumatoRelay(NumatoRelay.Options(port=numato.url, timeout_s=_IN_MEMORY_S, cycles_folder=str(folder)))
+    relays.open()
+    yield numato.target("Numato relay driver", relays.state, (b"relay read 0\n\ron\n\r>", b">"))
+
+    grbl = _Conversation("grbl", Grbl(world, length_m=1.0))
+    options = GrblTrolley.Options(port=grbl.url, length_m=1.0, timeout_s=_IN_MEMORY_S, poll_interval_s=1e-9)
+    trolley = GrblTrolley(options)
+    trolley.open()
+    more = (*(line + b"\r\n" for line in _GRBL), b"ok\r\n", b"\r\nGrbl 1.1h ['$' for help]\r\n")
+    yield grbl.target("GRBL driver", trolley.poll, more)
+
+    mount = _Conversation("ell14", Rotator(world))
+    polarizer = Ell14(Ell14.Options(port=mount.url, timeout_s=_IN_MEMORY_S, home_at_open=False))
+    polarizer.open()
+    # Without GS09 (busy), for which the driver waits 50 ms.
+    more = tuple(message + b"\r\n" for message in _ELL14 if message != b"0GS09")
+    yield mount.target("ELL14 driver", polarizer.poll, more)
+
+
+class _HttpBox:
+    """Answers every connection on loopback with the present input and hangs up."""
+
+    def __init__(self) -> None:
+        self.input = b""
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._server.getsockname()[1]
+        threading.Thread(target=self._serve, name="fuzz-http", daemon=True).start()
+
+    def _serve(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                connection, _ = self._server.accept()
+                with connection, contextlib.suppress(OSError):
+                    connection.settimeout(1.0)
+                    connection.recv(4096)
+                    connection.sendall(self.input)
+
+    def close(self) -> None:
+        """Stop answering."""
+        with contextlib.suppress(OSError):
+            self._server.shutdown(socket.SHUT_RDWR)
+        self._server.close()
+
+
+def _mini_circuits(box: _HttpBox, folder: Path) -> Target:
+    options = MiniCircuitsRc.Options(host="127.0.0.1", port=box.port, timeout_s=1.0, cycles_folder=str(folder))
+    switches = MiniCircuitsRc(options)
+    box.input = _HTTP[0]  # "0" to every question: no alarm, 0 degrees, all switches at 0
+    switches.open()
+
+    def feed(data: bytes) -> None:
+        box.input = data
+        switches.state()
+
+    return Target("Mini-Circuits driver (HTTP)", feed, _HTTP, (DeviceError,), 20)
+
+
+def _line(port: str) -> Target:
+    """The transport below every serial driver."""
+    given = [b""]
+    Serial.peers["line"] = lambda data: given[0]
+    line = SerialLine(port, baud=9600, name="fuzz", timeout_s=_IN_MEMORY_S)
+    line.open()
+
+    def feed(data: bytes) -> None:
+        given[0] = data
+        line.drain()
+        line.write(b"?")
+        for _ in range(LONGEST + 1000):
+            if line.try_line() is None:
+                return
+        raise AssertionError("more lines than bytes")
+
+    return Target("serial line", feed, tuple(text + b"\r\n" for text in (*_GRBL, *_ELL14)), (DeviceError,), 2)
+
+
+def _wav() -> bytes:
+    """A valid WAV file of 16 stereo frames."""
+    samples = bytes(range(64))
+    fmt = struct.pack("<4sIHHIIHH", b"fmt ", 16, 1, 2, 48_000, 192_000, 4, 16)
+    body = b"WAVE" + fmt + struct.pack("<4sI", b"data", len(samples)) + samples
+    return b"RIFF" + struct.pack("<I", len(body)) + body
+
+
+def _files(folder: Path) -> Iterator[Target]:
+    def wav(data: bytes) -> None:
+        path = folder / "fuzz.wav"
+        path.write_bytes(data)
+        read_wav(path)
+
+    yield Target("WAV file", wav, (_wav(),), (PolfuseError,), 5)
+    for name, model, paths in (
+        ("rig file", Rig, [_EXAMPLES / "rig.toml", _EXAMPLES / "rig_by_hand.toml"]),
+        ("plan file", Plan, [_EXAMPLES / "plan.toml"]),
+        ("scene file", SceneFile, sorted(_SCENES.glob("*.toml"))),
+    ):
+        seeds = tuple(path.read_bytes() for path in paths)
+        yield Target(name, _toml(model), seeds, (PolfuseError,), 200 if model is SceneFile else 50)
+
+
+def _recovery(folder: Path) -> Target:
+    """Whole session files, changed anywhere; each is read by a process of its own."""
+    seed = _session(folder)
+
+    def feed(data: bytes) -> None:
+        partial, rescued = folder / "fuzz.h5.partial", folder / "rescued.h5"
+        rescued.unlink(missing_ok=True)
+        partial.write_bytes(data)
+        recover(partial, rescued)
+
+    return Target("session file (recover)", feed, (seed,), (PolfuseError,), 5_000)
+
+
+def _session(folder: Path) -> bytes:
+    """A small session, as its writer leaves it."""
+    path = folder / "seed.h5"
+    writer = SessionWriter.create(path, SessionConfig("collect", Rig.model_validate(RIG).waveform, 48_000.0))
+    samples = np.arange(4000, dtype=np.int16).reshape(-1, 2)
+    block = AudioBlock(samples, 48_000.0, 0, 0.0, 1)
+    for position in range(3):
+        writer.write(Sweeps(block, Channel.HH, position))
+        writer.write(TrolleyFix(0.1 * position, 1e-3, False, position))
+        writer.flush()
+    writer.close("finished", "all steps carried out")
+    return path.read_bytes()
+
+
+@contextlib.contextmanager
+def targets() -> Iterator[dict[str, Target]]:
+    """All targets by their names, with what they need."""
+    with (
+        tempfile.TemporaryDirectory(prefix="polfuse-fuzz-", dir=_fast_folder()) as name,
+        contextlib.closing(_HttpBox()) as box,
+        GigeCamera(Pattern(64, 96), World(), port=0) as camera,
+    ):
+        folder = Path(name)
+        server = GvcpServer(camera.registers, lambda request: None, lambda: None)
+        peer = ("127.0.0.1", 40_000)
+
+        def gvcp(data: bytes) -> None:
+            server.answer(data, peer, time.monotonic_ns())
+
+        status = protocol.encode(protocol.Finished("finished", "", None, 1, 1, 1, 0, 0, None, 1.0, []))
+        steering = tuple(
+            protocol.encode(message)
+            for message in (protocol.Attach(1, "token"), protocol.AddNote("wind"), protocol.Answer(3), protocol.Ping())
+        )
+        block = HEADER.pack(480, 10**9, 4) + bytes(16)
+        made = (
+            Target("GRBL status", _grbl, _GRBL, (DeviceError,)),
+            Target("Elliptec messages", _elliptec, _ELL14, ()),
+            *_conversations(folder),
+            _line("fuzz://line"),
+            _mini_circuits(box, folder),
+            Target("GVCP", gvcp, tuple(map(bytes.fromhex, _GVCP)), ()),
+            Target("audio stream blocks", _stream, (block,), (OSError, ValueError)),
+            Target("loopback addresses", _world_address, (Address(4711, "abc123").url.encode(),), (DeviceError,)),
+            Target("engine: client's messages", _client_message, steering, (msgspec.DecodeError,)),
+            Target("engine: engine's messages", _engine_message, (status,), (msgspec.DecodeError,)),
+            Target("fault scripts", _fault, (b"trolley:silence:after=5s:for=2s:amount=0.5",), (ValueError,)),
+            *_files(folder),
+            _recovery(folder),
+        )
+        yield {target.name: target for target in made}
+
+
+def _fast_folder() -> str | None:
+    """A folder in memory where there is one: millions of small files wear a disk."""
+    return "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
