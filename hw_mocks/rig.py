@@ -220,9 +220,14 @@ class SimulatedRig:
             extinction = {"extinction_ratio": camera.pop("extinction_ratio")}
             source = {"scene_file": str(self._scene_copy), "world_url": self.link.url, "seed": self.seed}
             section = {"driver": "scene", "pixel_format": "Mono16", **camera}
+            if file.camera.mosaic != "none":
+                section["mosaic_extinction_ratio"] = file.camera.extinction_ratio
             parts += [
                 _table("camera", section),
                 _table("camera.options", {**source, **camera, **extinction}),
+            ]
+        if file.camera is not None and file.camera.mosaic == "none":
+            parts += [
                 _table("polarizer", {"driver": "ell14", **extinction}),
                 _table("polarizer.options", {"port": self.polarizer.url}),
             ]

@@ -1,5 +1,6 @@
 """A camera behind a rotating polarizer that looks at a scene: a driver like any other, without hardware.
 
+A camera with a mosaic of polarizers on its pixels looks at the scene directly; the rig's polarizer is not in its way.
 The scene is rendered once. Every trigger asks the simulated rig how its polarizer stands, takes the light through it
 (Malus' law with a finite extinction ratio), and adds shot noise, read noise, the black level, rounding and clipping.
 
@@ -19,7 +20,7 @@ import numpy as np
 from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
-from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost
+from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost, DeviceRefused
 from drivers.options import checked
 from drivers.records import ClockFix, Frame, Identity
 from hw_mocks.sensor import FULL_SCALE, Sensor, setting_of
@@ -27,7 +28,11 @@ from hw_mocks.world_link import WorldClient
 from processing.errors import DataError
 from processing.optics.analyser import measurement_matrix
 from processing.optics.camera_model import Pinhole
+from processing.optics.mosaic import parse_mosaic, through_mosaic
 from processing.scene.optical import stokes_image
+
+EXPOSURE_LIMITS_S = (10e-6, 10.0)
+"""Shortest and longest exposure, s: those of usual industrial cameras."""
 
 
 class SceneCamera:
@@ -48,7 +53,7 @@ class SceneCamera:
         height_px: Annotated[int, Gt(0)] = 582
         """Rows."""
         exposure_s: Annotated[float, Ge(0)] = 0.002
-        """Exposure, s."""
+        """Exposure, s; the scene's counts hold for it."""
         focal_length_m: Annotated[float, Gt(0)] = 0.008
         """Focal length, m."""
         pixel_pitch_m: Annotated[float, Gt(0)] = 8.3e-6
@@ -66,7 +71,9 @@ class SceneCamera:
         saturation_counts: Annotated[int, Gt(0)] = FULL_SCALE
         """Counts at which the sensor clips."""
         extinction_ratio: Annotated[float, Gt(1)] = 800.0
-        """Maximum over minimum transmittance of the polarizer."""
+        """Maximum over minimum transmittance of the polarizer, or of the mosaic's."""
+        mosaic: str = "none"
+        """Polarizers on the sensor's pixels, such as "90-45-135-0"; "none" for a camera behind the rig's polarizer."""
         seed: Annotated[int, Ge(0)] = 0
         """Seed of the noise."""
 
@@ -80,6 +87,7 @@ class SceneCamera:
             options.saturation_counts,
         )
         self._world: WorldClient | None = None
+        self._exposure_s = options.exposure_s
         self._counts: NDArray[np.float64] | None = None
         self._opened_ns = 0
         self._frames = 0
@@ -108,6 +116,10 @@ class SceneCamera:
                 math.radians(options.depression_deg),
             )
             stokes, _ = stokes_image(scene, pinhole)
+            mosaic = None if options.mosaic == "none" else parse_mosaic(options.mosaic)
+            counts = stokes * scene.sun_counts
+            if mosaic is not None:
+                counts = through_mosaic(counts, mosaic, options.extinction_ratio)
         except DataError as error:
             raise DeviceError(error.what, where=self._where, advice=error.advice) from error
         except DeviceError:
@@ -119,7 +131,8 @@ class SceneCamera:
         world = WorldClient(options.world_url, timeout_s=1.0)
         world.state()
         self._world = world
-        self._counts = stokes * scene.sun_counts
+        self._counts = counts
+        self._exposure_s = options.exposure_s
         self._opened_ns = time.monotonic_ns()
         self._frames = 0
         self._taken = {}
@@ -157,13 +170,13 @@ class SceneCamera:
         if self._asked is None:
             return None
         angle, t_ns = self._asked
-        if time.monotonic_ns() - t_ns < self._options.exposure_s * 1e9:
+        if time.monotonic_ns() - t_ns < self._exposure_s * 1e9:
             return None
         self._asked = None
         frame = Frame(
             image=self._expose(angle),
             frame_id=self._frames,
-            exposure_s=self._options.exposure_s,
+            exposure_s=self._exposure_s,
             gain_db=0.0,
             t_device_s=(t_ns - self._opened_ns) * 1e-9,
             t_host_ns=t_ns,
@@ -177,6 +190,24 @@ class SceneCamera:
             return None
         now = time.monotonic_ns()
         return ClockFix("camera", (now - self._opened_ns) * 1e-9, now, 0)
+
+    def exposure_limits(self) -> tuple[float, float]:
+        """Shortest and longest exposure, s."""
+        return EXPOSURE_LIMITS_S
+
+    def set_exposure(self, seconds: float) -> float:
+        """Expose so long from the next trigger on; light grows in proportion.
+
+        Raises:
+            DeviceRefused: outside the limits, or exposure_s is 0 and says nothing of the light.
+        """
+        low, high = EXPOSURE_LIMITS_S
+        if not low <= seconds <= high or self._options.exposure_s == 0:
+            raise DeviceRefused(
+                f"an exposure of {seconds:g} s", where=self._where, advice=f"ask for {low:g} to {high:g} s"
+            )
+        self._exposure_s = seconds
+        return seconds
 
     def make_safe(self) -> None:
         """Forget the frame asked for."""
@@ -194,11 +225,18 @@ class SceneCamera:
         """One frame, (rows, columns) uint16, with the noise that belongs to it."""
         options = self._options
         assert self._counts is not None
-        setting = setting_of(angle_rad)
+        # All frames of a mosaic are taken at one setting, wherever the rig's polarizer stands.
+        setting = 0 if self._counts.ndim == 2 else setting_of(angle_rad)
         taken = self._taken.get(setting, 0)
         self._taken[setting] = taken + 1
-        row = measurement_matrix([angle_rad], options.extinction_ratio)[0]
-        return self._sensor.expose(np.tensordot(row, self._counts, axes=1), [options.seed, setting, taken])
+        if self._counts.ndim == 2:
+            light = self._counts
+        else:
+            row = measurement_matrix([angle_rad], options.extinction_ratio)[0]
+            light = np.tensordot(row, self._counts, axes=1)
+        if self._exposure_s != options.exposure_s:
+            light = light * (self._exposure_s / options.exposure_s)
+        return self._sensor.expose(light, [options.seed, setting, taken])
 
     def _closed(self) -> DeviceLost:
         return DeviceLost("is not open", where=self._where, advice="open it first")

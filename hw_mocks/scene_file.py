@@ -202,7 +202,9 @@ class CameraEntry(FileModel):
     saturation_counts: int = Field(default=65_535, gt=0, le=65_535)
     """Counts at which the sensor clips."""
     extinction_ratio: float = Field(default=800.0, gt=1)
-    """Maximum over minimum transmittance of the polarizer."""
+    """Maximum over minimum transmittance of the polarizer, or of the mosaic's."""
+    mosaic: str = "none"
+    """Polarizers on the sensor's pixels, such as "90-45-135-0"; "none" for a camera behind the rig's polarizer."""
 
 
 class SceneFile(FileModel):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from polfuse_lab.plans.generate import steps
 from polfuse_lab.plans.model import Plan
 from polfuse_lab.plans.steps import (
+    AutoExpose,
     Checkpoint,
     Expose,
     MoveTo,
@@ -31,9 +32,10 @@ _EXCHANGE_S = 0.03
 _AUDIO_GUARD_S = 0.1
 _FRAME_S = 0.05
 _TURN_S = 0.6
+_AUTO_FRAMES = 8
 _FILE_BYTES = 500_000
 _ROW_BYTES = 400
-_ITEM_BYTES = {"int16": 2, "int32": 4, "float32": 4}
+_ITEM_BYTES = {"uint8": 1, "uint16": 2, "int16": 2, "int32": 4, "float32": 4}
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class DryRun:
 
 def dry_run(rig: Rig, plan: Plan) -> DryRun:
     """List, time, size and check a plan."""
-    listed = tuple(steps(plan))
+    listed = tuple(steps(plan, mosaic=rig.has_mosaic))
     half = rig.trolley.length_m / 2
     outside = [step.x_m for step in listed if isinstance(step, MoveTo) and abs(step.x_m) > half + LIMIT_TOLERANCE_M]
     problems = []
@@ -89,6 +91,9 @@ def step_seconds(rig: Rig, listed: Iterable[Step]) -> Iterator[float]:
                 yield record_frames(rig, step.sweeps, rate) / rate + _AUDIO_GUARD_S
             case TurnPolarizer():
                 yield _TURN_S
+            case AutoExpose():
+                exposure = rig.camera.exposure_s if rig.camera else 0.0
+                yield len(step.angles_rad) * _TURN_S + _AUTO_FRAMES * (exposure + _FRAME_S)
             case Expose():
                 exposure = rig.camera.exposure_s if rig.camera else 0.0
                 yield step.frames * (exposure + _FRAME_S)
@@ -103,7 +108,7 @@ def _bytes(rig: Rig, listed: Iterable[Step]) -> int:
         if isinstance(step, RecordSweeps):
             total += 2 * item * record_frames(rig, step.sweeps, rig.radar.sample_rate_hz) + _ROW_BYTES
         elif isinstance(step, Expose) and rig.camera is not None:
-            pixel = 1 if rig.camera.pixel_format == "Mono8" else 2
+            pixel = _ITEM_BYTES[rig.camera.counts_dtype]
             total += step.frames * (rig.camera.width_px * rig.camera.height_px * pixel + _ROW_BYTES)
         elif not isinstance(step, (Settle, Checkpoint)):
             total += _ROW_BYTES

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from drivers.records import Channel
 from polfuse_lab.plans.model import OpticsPlan, Plan
 from polfuse_lab.plans.steps import (
+    AutoExpose,
     Checkpoint,
     Expose,
     MoveTo,
@@ -19,8 +20,13 @@ from polfuse_lab.plans.steps import (
 )
 
 
-def steps(plan: Plan) -> Iterator[Step]:
-    """Yield a plan's steps, in the order in which they are carried out."""
+def steps(plan: Plan, *, mosaic: bool = False) -> Iterator[Step]:
+    """Yield a plan's steps, in the order in which they are carried out.
+
+    Args:
+        plan: what to collect.
+        mosaic: the camera sees all polarizer angles at once: nothing is turned, and frames are taken once.
+    """
     positions = plan.positions_m
     centre = min(range(len(positions)), key=lambda i: abs(positions[i]))
     for index, x_m in enumerate(positions):
@@ -33,11 +39,19 @@ def steps(plan: Plan) -> Iterator[Step]:
             yield SelectChannel(channel)
             yield RecordSweeps(plan.sweeps_per_channel, index, channel)
         if plan.optics is not None and index == centre:
-            yield from _polarizer_series(plan.optics)
+            yield from _mosaic_series(plan.optics) if mosaic else _polarizer_series(plan.optics)
         yield Checkpoint(index)
 
 
+def _mosaic_series(optics: OpticsPlan) -> Iterator[Step]:
+    if optics.auto_exposure:
+        yield AutoExpose(())
+    yield Expose(optics.frames_per_angle, 0.0)
+
+
 def _polarizer_series(optics: OpticsPlan) -> Iterator[Step]:
+    if optics.auto_exposure:
+        yield AutoExpose(tuple(math.radians(angle_deg) for angle_deg in optics.angles_deg))
     for angle_deg in optics.angles_deg:
         angle = math.radians(angle_deg)
         yield TurnPolarizer(angle)

@@ -21,6 +21,8 @@ class OpticsPlan(FileModel):
     """Frames taken and averaged at each angle."""
     settle_s: float = Field(default=0.05, ge=0, le=60)
     """Wait after the polarizer stands, s."""
+    auto_exposure: bool = False
+    """Find an exposure that saturates at no angle before the series, and keep it; otherwise the rig file's holds."""
 
 
 class Plan(FileModel):

@@ -46,6 +46,13 @@ class TurnPolarizer:
 
 
 @dataclass(frozen=True)
+class AutoExpose:
+    """Find an exposure that suits all polarizer angles, and keep it; no angles for a camera that sees them at once."""
+
+    angles_rad: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class Expose:
     """Take ``frames`` frames at the present polarizer angle; ``dark`` marks frames taken with the lens covered."""
 
@@ -68,4 +75,4 @@ class Ask:
     prompt: str
 
 
-Step = MoveTo | SelectChannel | Settle | RecordSweeps | TurnPolarizer | Expose | Checkpoint | Ask
+Step = MoveTo | SelectChannel | Settle | RecordSweeps | TurnPolarizer | AutoExpose | Expose | Checkpoint | Ask

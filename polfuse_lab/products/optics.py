@@ -15,6 +15,7 @@ from polfuse_lab.products.store import Products
 from polfuse_lab.rig import CameraSection
 from polfuse_lab.session import Session, open_session
 from processing.optics.camera_model import Pinhole
+from processing.optics.mosaic import parse_mosaic
 from processing.optics.series import PolarizerSeries, SensorNoise
 from processing.optics.stack import AveragedSeries, FrameStack
 from processing.optics.stokes import Flag, StokesImage, stokes_image
@@ -77,7 +78,8 @@ def optics(
         products_path: the products file; made if it is not there, its other stages are kept.
         figure: where to draw the picture; none is drawn when left out.
         zero_sd_rad: standard deviation of the polarizer's zero mark, radians (turns AOP as a whole).
-        intensity_stability: relative standard deviation of light and exposure from one angle to another.
+        intensity_stability: relative standard deviation of light and exposure from one angle to another; of the pixels'
+            response for a camera with a mosaic.
 
     Raises:
         PolfuseError: a file that cannot be used, or a session without camera or without frames.
@@ -87,13 +89,23 @@ def optics(
         camera = _camera(session)
         stack = _stacked(session, camera)
         assert session.rig is not None
-        assert session.rig.polarizer is not None
-        averaged = stack.averaged(
-            noise=SensorNoise(camera.read_noise_counts, camera.electrons_per_count),
-            extinction_ratio=session.rig.polarizer.extinction_ratio,
-            zero_sd_rad=zero_sd_rad,
-            intensity_stability=intensity_stability,
-        )
+        noise = SensorNoise(camera.read_noise_counts, camera.electrons_per_count)
+        if camera.has_mosaic:
+            averaged = stack.averaged_mosaic(
+                parse_mosaic(camera.mosaic),
+                noise=noise,
+                extinction_ratio=camera.mosaic_extinction_ratio,
+                zero_sd_rad=zero_sd_rad,
+                response_sd=intensity_stability,
+            )
+        else:
+            assert session.rig.polarizer is not None
+            averaged = stack.averaged(
+                noise=noise,
+                extinction_ratio=session.rig.polarizer.extinction_ratio,
+                zero_sd_rad=zero_sd_rad,
+                intensity_stability=intensity_stability,
+            )
     image = stokes_image(averaged.light, averaged.saturated, averaged.series, incomplete=averaged.incomplete)
     products = Products(products_path)
     products.write(
@@ -114,7 +126,7 @@ def optics(
         figure=drawn,
         image=image,
         series=averaged.series,
-        frames=sum(averaged.series.frames),
+        frames=averaged.series.frames[0] if camera.has_mosaic else sum(averaged.series.frames),
         incomplete_frames=stack.incomplete_frames,
     )
 
@@ -157,6 +169,7 @@ def _settings(camera: CameraSection, averaged: AveragedSeries, incomplete_frames
         "series": asdict(averaged.series),
         "condition_number": averaged.series.condition,
         "incomplete_frames": incomplete_frames,
+        "mosaic": camera.mosaic,
         "saturation_counts": camera.saturation_counts,
         "black_level_counts": camera.black_level_counts,
         "flags": {flag.name: flag.value for flag in Flag},

@@ -5,9 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, TypeAdapter, ValidationError, model_validator
+from pydantic import Field, TypeAdapter, ValidationError, field_validator, model_validator
 
+from drivers.camera.pixel_formats import pixel_format
 from polfuse_lab.rig.toml_model import FileMistake, FileModel, line_of, read_model
+from processing.errors import DataError
+from processing.optics.mosaic import parse_mosaic
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
 
@@ -111,6 +114,56 @@ class CameraSection(DeviceSection):
     """Photo-electrons for one count (for shot noise)."""
     read_noise_counts: float = Field(default=0.0, ge=0)
     """Read noise, counts rms."""
+    mosaic: str = "none"
+    """Polarizers on the pixels, such as "90-45-135-0" (first 2 x 2 pixels row by row, degrees); "none" for a camera
+    behind a rotating polarizer."""
+    mosaic_extinction_ratio: float = Field(default=300.0, gt=1)
+    """Maximum over minimum transmittance of the mosaic's polarizers."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _full_scale(cls, values: Any) -> Any:
+        # Where nothing is said, a pixel is saturated at its format's largest count.
+        if isinstance(values, dict) and "saturation_counts" not in values:
+            try:
+                return {**values, "saturation_counts": pixel_format(values.get("pixel_format", "Mono16")).full_scale}
+            except (ValueError, TypeError):
+                return values
+        return values
+
+    @field_validator("pixel_format")
+    @classmethod
+    def _known_format(cls, name: str) -> str:
+        return pixel_format(name).name
+
+    @field_validator("mosaic")
+    @classmethod
+    def _known_mosaic(cls, name: str) -> str:
+        if name == "none":
+            return name
+        try:
+            return parse_mosaic(name).name
+        except DataError as error:
+            raise ValueError("'none', or the angles 0, 45, 90, 135 in any order, such as '90-45-135-0'") from error
+
+    @model_validator(mode="after")
+    def _sound(self) -> CameraSection:
+        full = pixel_format(self.pixel_format).full_scale
+        if self.saturation_counts > full:
+            raise ValueError(f"saturation_counts ({self.saturation_counts}) is at most {full} in {self.pixel_format}")
+        if self.mosaic != "none" and (self.width_px % 2 or self.height_px % 2):
+            raise ValueError(f"width_px and height_px are even with a mosaic, found {self.width_px} x {self.height_px}")
+        return self
+
+    @property
+    def has_mosaic(self) -> bool:
+        """Whether the sensor sees all angles at once (division of focal plane)."""
+        return self.mosaic != "none"
+
+    @property
+    def counts_dtype(self) -> str:
+        """``"uint8"`` or ``"uint16"``: type of its frames."""
+        return pixel_format(self.pixel_format).dtype.__name__
 
 
 class Geometry(FileModel):
@@ -144,13 +197,21 @@ class Rig(FileModel):
     camera: CameraSection | None = None
     """Camera; left out for radar-only rigs."""
     polarizer: PolarizerSection | None = None
-    """Polarizer; left out for radar-only rigs."""
+    """Polarizer; left out for radar-only rigs and for a camera with a mosaic of polarizers."""
 
     @model_validator(mode="after")
     def _optics_together(self) -> Rig:
-        if (self.camera is None) != (self.polarizer is None):
-            raise ValueError("[camera] and [polarizer] both or neither")
+        if self.camera is not None and self.camera.has_mosaic:
+            if self.polarizer is not None:
+                raise ValueError("[polarizer] is left out for a camera with a mosaic of polarizers")
+        elif (self.camera is None) != (self.polarizer is None):
+            raise ValueError("[camera] and [polarizer] both or neither (a camera with a mosaic needs no polarizer)")
         return self
+
+    @property
+    def has_mosaic(self) -> bool:
+        """Whether the camera sees all polarizer angles at once, without a polarizer to turn."""
+        return self.camera is not None and self.camera.has_mosaic
 
     def section(self, kind: str) -> DeviceSection | None:
         """The section of a kind of device (``"radar"``, ``"switches"``, …)."""

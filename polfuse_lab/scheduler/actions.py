@@ -6,7 +6,9 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable
+from typing import cast
 
+from drivers.contracts import ExposureControl
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.records import AudioBlock, Channel, Frame, PolarizerFix, SwitchState, TrolleyFix
 from polfuse_lab.errors import PolfuseError
@@ -14,6 +16,7 @@ from polfuse_lab.plans import Plan
 from polfuse_lab.plans.dry_run import record_frames
 from polfuse_lab.plans.steps import (
     Ask,
+    AutoExpose,
     Checkpoint,
     Expose,
     MoveTo,
@@ -49,6 +52,8 @@ def describe(step: Step) -> str:
             return f"recording {sweeps} sweeps in {channel.name}"
         case TurnPolarizer(angle_rad):
             return f"turning the polarizer to {math.degrees(angle_rad):.1f} deg"
+        case AutoExpose():
+            return "finding the exposure"
         case Expose(frames):
             return f"taking {frames} frames"
         case Checkpoint():
@@ -80,6 +85,8 @@ class Actions:
         self._fix: TrolleyFix | None = None
         self._angle: PolarizerFix | None = None
         self._channel: Channel | None = None
+        self._exposure_s = rig.camera.exposure_s if rig.camera is not None else 0.0
+        self._exposure_found = False
         self._position = -1
         self._attempts: Counter[tuple[int, int]] = Counter()
         self._exposures: Counter[float] = Counter()
@@ -100,6 +107,8 @@ class Actions:
                 self._record(step)
             case TurnPolarizer(angle_rad):
                 self._turn(angle_rad)
+            case AutoExpose():
+                self._auto_expose(step)
             case Expose():
                 self._expose(step)
             case Ask(prompt):
@@ -260,7 +269,7 @@ class Actions:
         angle = self._angle
         key = round(step.angle_rad, 6)
         attempt = self._exposures[key]
-        exposure_s = self._rig.camera.exposure_s if self._rig.camera is not None else 0.0
+        exposure_s = self._exposure_s
         for _ in range(step.frames):
             for retry in range(self._plan.retries + 1):
                 self._devices.call("camera", camera.trigger)
@@ -286,6 +295,42 @@ class Actions:
                     )
                 self._warn(f"an incomplete camera frame at {math.degrees(step.angle_rad):.1f} deg was taken again")
         self._exposures[key] += 1
+
+    def _auto_expose(self, step: AutoExpose) -> None:
+        """Find the exposure with frames that are not kept. One that suits badly is only a warning."""
+        from drivers.camera.auto_exposure import ExposureGoal, Seen, search
+
+        section = self._rig.camera
+        assert section is not None
+        control = cast(ExposureControl, self._devices.camera)
+        if self._exposure_found:
+            # A series that is repeated goes on with the exposure of its first frames.
+            self._exposure_s = self._devices.call("camera", control.set_exposure, self._exposure_s)
+            return
+        goal = ExposureGoal(
+            self._devices.call("camera", control.exposure_limits), section.saturation_counts, section.black_level_counts
+        )
+        asking = search(goal, self._exposure_s, max(len(step.angles_rad), 1))
+        at: int | None = None
+        seen: Seen | None = None
+        while True:
+            try:
+                look = next(asking) if seen is None else asking.send(seen)
+            except StopIteration as end:
+                found = end.value
+                break
+            if step.angles_rad and look.angle != at:
+                self._turn(step.angles_rad[look.angle])
+                at = look.angle
+            self._exposure_s = self._devices.call("camera", control.set_exposure, look.exposure_s)
+            self._devices.call("camera", self._devices.camera.trigger)
+            seen = Seen(self._exposure_s, goal.level(self._await_frame(self._exposure_s).image))
+        # The camera stands at the last exposure looked at, which is the one found.
+        self._exposure_found = True
+        if found.problem:
+            self._warn(f"automatic exposure: {found.problem}")
+        text = f"exposure {found.exposure_s:g} s after {found.looks} frames"
+        self._keep(Event("exposure", text, time.monotonic_ns()))
 
     def _await_frame(self, exposure_s: float) -> Frame:
         deadline = time.monotonic() + exposure_s + FRAME_SLACK_S

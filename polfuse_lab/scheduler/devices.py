@@ -184,6 +184,8 @@ def make_devices(rig: Rig, path: Path, operator: contracts.Operator, control: Co
         PolfuseError: a driver's module cannot be loaded.
     """
     kinds = ["radar", "switches", "trolley"] + (["camera", "polarizer"] if optics else [])
+    if rig.has_mosaic:
+        kinds = [kind for kind in kinds if kind != "polarizer"]
     devices = DeviceSet(control)
     try:
         for kind in kinds:

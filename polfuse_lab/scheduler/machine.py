@@ -168,9 +168,7 @@ class Scheduler:
             audio_channels=block.samples.shape[1],
             audio_block_frames=self._actions.record_frames(self._plan.sweeps_per_channel),
             frame_shape=self._devices.camera.shape if optics else None,
-            frame_dtype="uint8"
-            if optics and self._rig.camera and self._rig.camera.pixel_format == "Mono8"
-            else "uint16",
+            frame_dtype=self._rig.camera.counts_dtype if self._rig.camera is not None else "uint16",
             rig_toml=rig_toml,
             plan_toml=plan_toml,
             identities=self._devices.identities,
@@ -358,10 +356,6 @@ class Scheduler:
 def _pace(spent: float, expected: float) -> float:
     """How much slower than expected the run has been, once there is something to go by."""
     return min(max(spent / expected, 0.2), 10.0) if expected > 2.0 else 1.0
-
-
-def _frame_type(rig: Rig) -> str:
-    return "uint8" if rig.camera is not None and rig.camera.pixel_format == "Mono8" else "uint16"
 
 
 def _left_behind(output: Path) -> Path | None:

@@ -98,7 +98,8 @@ def _missing_from_plan(session: Session) -> list[str]:
     if want - have:
         found.append(f"{len(want - have)} of {len(want)} planned position-channel records are missing")
     if plan.optics is not None:
-        planned = len(plan.optics.angles_deg) * plan.optics.frames_per_angle
+        mosaic = session.rig is not None and session.rig.has_mosaic
+        planned = (1 if mosaic else len(plan.optics.angles_deg)) * plan.optics.frames_per_angle
         taken = int(np.count_nonzero(~session.frames["dark"]))
         if taken < planned:
             found.append(f"{planned - taken} of {planned} planned camera frames are missing")
