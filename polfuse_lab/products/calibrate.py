@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.products.calibration_inputs import FocusedImage, TargetSpec, read_focused, sky_noise
+from polfuse_lab.products.calibration_inputs import (
+    SKY_NOISE_SD_DB,
+    FocusedImage,
+    TargetSpec,
+    read_focused,
+    sky_noise,
+)
 from polfuse_lab.products.store import Products
 from processing.calibration.imbalance import (
     NO_IMBALANCE,
@@ -316,6 +322,7 @@ def _write(
         if result.cross_imbalance is None
         else [result.cross_imbalance.real, result.cross_imbalance.imag],
         "noise_source": result.noise_source,
+        "noise_sd_db": None if sky is None else SKY_NOISE_SD_DB,
     }
     products.write(
         "calibration",

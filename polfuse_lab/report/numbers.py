@@ -60,7 +60,8 @@ def _calibration(products: Products) -> list[Number]:
             "Noise-equivalent RCS, HH",
             float(10 * np.log10(noise)) if noise > 0 else float("nan"),
             "dBsm",
-            note=f"at {arrays['y_m'][row]:.1f} m ground range, from the {settings['noise_source']}",
+            settings.get("noise_sd_db"),
+            f"at {arrays['y_m'][row]:.1f} m ground range, from the {settings['noise_source']}",
         )
     )
     return found
