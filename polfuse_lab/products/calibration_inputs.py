@@ -27,8 +27,8 @@ SKY_WINDOW_CELLS = 15
 """Range cells over which the sky's noise is taken as equal."""
 
 SKY_NOISE_SD_DB = float(10 / np.log(10) / np.log(2) / np.sqrt(SKY_WINDOW_CELLS / 1.5))
-"""Standard deviation of the noise from one look at the sky, dB: the median of n exponentially distributed powers has the
-relative standard deviation 1 / (ln 2 sqrt n), and a Hann window leaves n = cells / 1.5 independent."""
+"""Standard deviation of the noise from one look at the sky, dB: the median of n exponentially distributed powers has
+the relative standard deviation 1 / (ln 2 sqrt n), and a Hann window leaves n = cells / 1.5 independent."""
 
 
 @dataclass(frozen=True)
