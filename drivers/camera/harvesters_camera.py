@@ -17,6 +17,7 @@ from drivers.camera import features as names
 from drivers.camera.features import Features
 from drivers.camera.genicam_frames import chunks_of, image_of, timestamp_s
 from drivers.camera.genicam_setup import GenicamOptions, Setup, exposure_of, set_up
+from drivers.camera.pixel_formats import Counts
 from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
 from drivers.options import checked
 from drivers.records import ClockFix, Frame, Identity
@@ -290,16 +291,9 @@ class HarvestersCamera:
                     self._to_skip -= 1
                     return None
                 # Copied before the buffer goes back: the producer writes into it again.
-                image = image_of(buffer, self._setup)
+                image = self._image(buffer)
                 told = chunks_of(self._features) if self._setup.chunks else {}
                 stamp_s = told.get("time_s", timestamp_s(buffer))
-        except ValueError as error:
-            self._deadline = None
-            raise DeviceBadAnswer(
-                f"a frame came {error}",
-                where=self._where,
-                advice="close other programs that set this camera, and open it again",
-            ) from error
         finally:
             with self._failures("did not take a buffer back"):
                 buffer.parent.queue_buffer(buffer)
@@ -314,6 +308,18 @@ class HarvestersCamera:
             t_host_ns=t_host_ns,
             lost_before=lost_before,
         )
+
+    def _image(self, buffer: Any) -> Counts:
+        assert self._setup is not None
+        try:
+            return image_of(buffer, self._setup)
+        except ValueError as error:
+            self._deadline = None
+            raise DeviceBadAnswer(
+                f"a frame came {error}",
+                where=self._where,
+                advice="close other programs that set this camera, and open it again",
+            ) from error
 
     def _count(self, frame_id: int) -> None:
         """Count the frames missing before this one, where frames come only when asked for."""
@@ -334,8 +340,7 @@ class HarvestersCamera:
         """Turn whatever harvesters and the producer raise into :class:`DeviceLost`."""
         try:
             yield
-        except (DeviceError, ValueError):
-            # A ValueError is not the producer's: a value or a frame that is not what was agreed.
+        except DeviceError:
             raise
         except Exception as error:
             words = str(error).split("(Message", maxsplit=1)[0].strip() or type(error).__name__

@@ -13,7 +13,8 @@ import pytest
 from camera_node_map import PFNC, Node, NodeMap
 
 from drivers.camera.harvesters_camera import HarvestersCamera
-from drivers.errors import DeviceError, DeviceLost, DeviceTimeout
+from drivers.contracts import ExposureControl
+from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
 from drivers.records import Frame
 
 core = pytest.importorskip("harvesters.core", reason="install with: pip install 'polfuse-lab[camera]'")
@@ -83,7 +84,7 @@ class Acquirer:
                 callback.emit(None)
             return None
         # The producer's memory is used again for the next frame.
-        self.memory[:] = frame_id * 100
+        self.memory[:] = frame_id * 100 % 65_536
         return SimpleNamespace(
             frame_id=frame_id,
             timestamp_ns=frame_id * 1e6,
@@ -236,3 +237,108 @@ def test_the_cameras_clock(camera: HarvestersCamera) -> None:
     assert fix.t_device_s == 5.0
     assert before <= fix.t_host_ns <= time.monotonic_ns()
     assert fix.round_trip_ns >= 0
+
+
+def test_the_exposure_can_be_set_between_frames(camera: HarvestersCamera, acquirer: Acquirer) -> None:
+    assert isinstance(camera, ExposureControl)
+    assert camera.exposure_limits() == pytest.approx((10e-6, 1.0))
+    assert camera.set_exposure(0.004) == pytest.approx(0.004)
+    assert acquirer.nodes["ExposureTimeAbs"].value == pytest.approx(4000.0)
+    camera.trigger()
+    assert until(camera, camera.poll).exposure_s == pytest.approx(0.004)
+    with pytest.raises(DeviceRefused, match=r"ExposureTime: found 2e\+06, allowed: 10.0 to 1000000.0|found 2000000.0"):
+        camera.set_exposure(2.0)
+    del acquirer.nodes["ExposureTimeAbs"]
+    for act in (lambda: camera.set_exposure(0.001), camera.exposure_limits):
+        with pytest.raises(DeviceRefused, match="cannot be set"):
+            act()
+
+
+def test_a_frame_in_another_format_is_refused_by_its_code(camera: HarvestersCamera, acquirer: Acquirer) -> None:
+    # RGB8 of PFNC: harvesters' own fetch would fail here with KeyError or unpack nonsense.
+    acquirer.code = 0x02180014
+    camera.trigger()
+    with pytest.raises(DeviceBadAnswer, match=r"in pixel format 0x02180014, expected 0x01100007 \(Mono16\)"):
+        until(camera, camera.poll)
+    assert acquirer.queued == 1
+    acquirer.code = 0
+    camera.trigger()
+    assert until(camera, camera.poll).image.shape == SHAPE
+
+
+def test_frame_numbers_of_16_bits_go_round_without_loss(camera: HarvestersCamera, acquirer: Acquirer) -> None:
+    acquirer.next_id = 0xFFFD
+    ids = []
+    for _ in range(4):
+        if acquirer.next_id == 0xFFFF:
+            # GigE Vision 1: block 0 does not exist.
+            acquirer.next_id = 0
+        camera.trigger()
+        ids.append(until(camera, camera.poll).frame_id)
+    assert ids == [0xFFFE, 0xFFFF, 1, 2]
+    # Between the fixture's first frame and the second nothing was fetched, so the jump there counts nothing.
+    assert camera.lost_frames == 0
+    acquirer.next_id = 0xFFFD
+    camera.trigger()
+    until(camera, camera.poll)
+    lost = camera.lost_frames
+    acquirer.next_id = 2
+    camera.trigger()
+    # 0xFFFF, 1 and 2 are missing between 0xFFFE and 3.
+    assert until(camera, camera.poll).lost_before == 3
+    assert camera.lost_frames == lost + 3
+
+
+def test_incomplete_frames_before_a_trigger_do_not_let_stale_ones_through(
+    camera: HarvestersCamera, acquirer: Acquirer
+) -> None:
+    acquirer.waiting += [None, 11]
+    acquirer.next_id = 11
+    camera.trigger()
+    assert until(camera, camera.poll).frame_id == 12
+    assert camera.lost_frames == 1
+
+
+def test_a_camera_that_is_gone_is_lost_before_the_frame_is_overdue(acquirer: Acquirer) -> None:
+    device = HarvestersCamera(HarvestersCamera.Options(timeout_s=30.0))
+    device.open()
+    acquirer.mute = True
+    acquirer.nodes["Width"] = Unplugged(0)
+    start = time.monotonic()
+    device.trigger()
+    with pytest.raises(DeviceLost, match="does not answer any more"):
+        until(device, device.poll)
+    assert time.monotonic() - start < 2
+    device.close()
+
+
+def test_a_line_trigger_waits_for_the_line_and_says_so(acquirer: Acquirer) -> None:
+    device = HarvestersCamera(HarvestersCamera.Options(trigger="line", timeout_s=0.2))
+    assert "trigger on Line1" in device.open().detail
+    device.trigger()
+    assert device.poll() is None
+    acquirer.fire()
+    assert until(device, device.poll).frame_id == 11
+    device.trigger()
+    with pytest.raises(DeviceTimeout, match=r"no frame within 0\.2 s of its trigger on Line1"):
+        until(device, device.poll)
+    device.close()
+
+
+def test_chunks_tell_a_frames_own_time_and_exposure(acquirer: Acquirer) -> None:
+    acquirer.nodes |= {
+        "ChunkModeActive": Node(False),
+        "ChunkSelector": Node("Timestamp", symbolics=("Timestamp", "ExposureTime")),
+        "ChunkEnable": Node(False),
+        "ChunkTimestamp": Node(250_000_000),
+        "ChunkExposureTime": Node(2999.0),
+        "GevTimestampTickFrequency": Node(125_000_000),
+    }
+    device = HarvestersCamera(HarvestersCamera.Options(chunks=True))
+    device.open()
+    device.trigger()
+    frame = until(device, device.poll)
+    # 250e6 ticks of 125 MHz.
+    assert frame.t_device_s == 2.0
+    assert frame.exposure_s == pytest.approx(2.999e-3)
+    device.close()
