@@ -21,7 +21,7 @@ import serial
 from benchmarks.fault_stands import RIG
 from benchmarks.fuzzing import LONGEST, Target
 from benchmarks.serial_handlers.protocol_fuzz import Serial
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, DeviceTimeout
 from drivers.polarizer import elliptec
 from drivers.polarizer.ell14 import Ell14
 from drivers.records import AudioBlock, Channel, TrolleyFix
@@ -122,6 +122,17 @@ def _toml(model: type[Any]) -> Callable[[bytes], None]:
     return feed
 
 
+def _patiently(call: Callable[[], object]) -> None:
+    """Call until it succeeds: on a busy computer even an answer that is there at once can be too late."""
+    for left in range(99, -1, -1):
+        try:
+            call()
+            return
+        except DeviceTimeout:
+            if not left:
+                raise
+
+
 class _Conversation:
     """A real driver against a simulated device in memory; what the device says first is mutated on its way."""
 
@@ -143,7 +154,7 @@ class _Conversation:
     def target(self, name: str, ask: Callable[[], object], more: tuple[bytes, ...]) -> Target:
         """Answer the first question of ``ask`` with the input; seeds are what the device says, and ``more``."""
         self._said.clear()
-        ask()
+        _patiently(ask)
         said = tuple(answer for answer in self._said if answer)
 
         def feed(data: bytes) -> None:
@@ -158,25 +169,25 @@ def _conversations(folder: Path) -> Iterator[Target]:
     world = World()
     dowkey = _Conversation("dowkey", SwitchBox(world))
     switches = DowKeyMs(DowKeyMs.Options(port=dowkey.url, timeout_s=_IN_MEMORY_S, cycles_folder=str(folder)))
-    switches.open()
+    _patiently(switches.open)
     more: tuple[bytes, ...] = (b"2\r\n", b"255\r\n", b"-3,SWITCH NUMBER OUT OF RANGE\r\n", b"1\r2\n")
     yield dowkey.target("Dow-Key MS driver", switches.state, more)
 
     numato = _Conversation("numato", RelayModule(world))
     relays = NumatoRelay(NumatoRelay.Options(port=numato.url, timeout_s=_IN_MEMORY_S, cycles_folder=str(folder)))
-    relays.open()
+    _patiently(relays.open)
     yield numato.target("Numato relay driver", relays.state, (b"relay read 0\n\ron\n\r>", b">"))
 
     grbl = _Conversation("grbl", Grbl(world, length_m=1.0))
     options = GrblTrolley.Options(port=grbl.url, length_m=1.0, timeout_s=_IN_MEMORY_S, poll_interval_s=1e-9)
     trolley = GrblTrolley(options)
-    trolley.open()
+    _patiently(trolley.open)
     more = (*(line + b"\r\n" for line in _GRBL), b"ok\r\n", b"\r\nGrbl 1.1h ['$' for help]\r\n")
     yield grbl.target("GRBL driver", trolley.poll, more)
 
     mount = _Conversation("ell14", Rotator(world))
     polarizer = Ell14(Ell14.Options(port=mount.url, timeout_s=_IN_MEMORY_S, home_at_open=False))
-    polarizer.open()
+    _patiently(polarizer.open)
     # Without GS09 (busy), for which the driver waits 50 ms.
     more = tuple(message + b"\r\n" for message in _ELL14 if message != b"0GS09")
     yield mount.target("ELL14 driver", polarizer.poll, more)

@@ -156,14 +156,16 @@ _engine = msgspec.msgpack.Decoder(EngineMessage)
 def decode_client(data: bytes) -> ClientMessage:
     """A client's message. Raises :class:`msgspec.DecodeError` for anything else."""
     try:
-        return _client.decode(data)
+        message: ClientMessage = _client.decode(data)
     except (UnicodeDecodeError, RecursionError) as error:  # what msgspec leaves as it is
         raise msgspec.DecodeError(str(error)) from None
+    return message
 
 
 def decode_engine(data: bytes) -> EngineMessage:
     """The engine's message. Raises :class:`msgspec.DecodeError` for anything else."""
     try:
-        return _engine.decode(data)
+        message: EngineMessage = _engine.decode(data)
     except (UnicodeDecodeError, RecursionError) as error:
         raise msgspec.DecodeError(str(error)) from None
+    return message

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import DeviceError
 from drivers.radar.health import Severity
+from polfuse_lab.doctor.findings import Finding
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.live import signal_health, sync_problem
 from polfuse_lab.plans.dry_run import record_frames
@@ -22,20 +22,6 @@ LISTEN_S = 2.0
 """Length of the piece that is judged, s: enough to tell mains hum from the sweeps."""
 PATIENCE_S = 10.0
 CHECK = "check the radar's power, its cable and the input level"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What was found of one device."""
-
-    name: str
-    """Name of its driver."""
-    kind: str
-    ok: bool
-    detail: str
-    """Who answered, or what is wrong."""
-    advice: str
-    """How to mend it; empty when all is well."""
 
 
 def examine(path: Path | str) -> list[Finding]:
