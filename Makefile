@@ -6,17 +6,21 @@ BIN := $(VENV)/bin
 DEMO_OUT ?= demo_out
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup system demo demo-quick test lint types imports unit clean constraints
+.PHONY: help setup system gentl demo demo-quick test lint types imports unit clean constraints
 
 help:
 	@echo "make demo        a whole collect on a simulated rig, focused, calibrated, fused: $(DEMO_OUT)/report.html"
 	@echo "make demo-quick  the same with fewer positions (under 40 s)"
 	@echo "make test        lint, types, import rules and all tests"
 	@echo "make setup       only the environment"
+	@echo "make gentl       the GenTL producer for GigE Vision cameras, over Aravis: build/gentl/polfuse-aravis.cti"
 	@echo "make constraints pin the dependencies anew from pyproject.toml (needs uv)"
 
 system:
 	@sh scripts/system-packages
+
+gentl:
+	@sh scripts/build-gentl
 
 $(BIN)/.ready: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' || \
