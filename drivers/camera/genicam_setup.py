@@ -27,7 +27,8 @@ class GenicamOptions:
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
 
     cti: str = ""
-    """GenTL producer (.cti) of the camera's vendor; empty for the simulated camera of the genicam package."""
+    """GenTL producer (.cti) of the camera's vendor; "aravis" for the project's own (``make gentl``); empty for the
+    simulated camera of the genicam package."""
     device: str = ""
     """Part of the camera's serial number, model or name; empty for the first one found."""
     pixel_format: str = ""

@@ -10,7 +10,6 @@ import logging
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import Any
 
 from drivers.camera import features as names
@@ -18,6 +17,7 @@ from drivers.camera.features import Features
 from drivers.camera.genicam_frames import chunks_of, image_of, timestamp_s
 from drivers.camera.genicam_setup import GenicamOptions, Setup, exposure_of, set_up
 from drivers.camera.pixel_formats import Counts
+from drivers.camera.producers import find_producer
 from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
 from drivers.options import checked
 from drivers.records import ClockFix, Frame, Identity
@@ -202,7 +202,7 @@ class HarvestersCamera:
             ) from error
         # Its loggers print tracebacks of errors that are raised as well.
         logging.getLogger("harvesters.core").setLevel(logging.CRITICAL)
-        cti = self._producer()
+        cti = find_producer(self._options.cti, self._where)
         harvester = self._harvester = Harvester()
         harvester.add_file(str(cti), check_existence=True, check_validity=True)
         # Once, here: update() destroys acquirers that are alive.
@@ -230,21 +230,6 @@ class HarvestersCamera:
         missing = f"; lacks {', '.join(features.missing)}" if features.missing else ""
         detail = f"{', '.join(setup.notes)}, {cti.name}{missing}"
         return Identity("camera", "harvesters", _words(device, "vendor", "model", "serial_number"), detail)
-
-    def _producer(self) -> Path:
-        if self._options.cti:
-            cti = Path(self._options.cti)
-        else:
-            import genicam
-
-            cti = Path(genicam.__file__).parent / "viky.cti"
-        if not cti.is_file():
-            raise DeviceError(
-                f"the GenTL producer {cti} does not exist",
-                where=self._where,
-                advice="give the .cti file of the camera's vendor in option cti",
-            )
-        return cti
 
     def _choose(self, devices: list[Any]) -> Any:
         names = [_words(device, "vendor", "model", "serial_number", "id_", "user_defined_name") for device in devices]
