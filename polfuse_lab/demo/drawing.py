@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 
 from polfuse_lab.products.store import Products
-from polfuse_lab.report.pictures import Picture, stage_pictures
+from polfuse_lab.report.pictures import Picture, pictured_stages, stage_pictures
 
 
 class Drawing:
@@ -23,7 +23,7 @@ class Drawing:
         self._pool = ProcessPoolExecutor(
             1, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent
         )
-        self._drawn: list[Future[list[Picture]]] = []
+        self._drawn: dict[str, Future[list[Picture]]] = {}
         # Loads what drawing needs, while the rig is still at work.
         self._ready = self._pool.submit(_prepare)
 
@@ -37,11 +37,13 @@ class Drawing:
 
     def draw(self, *stages: str) -> None:
         """Begin to draw stages that are finished."""
-        self._drawn.append(self._pool.submit(_draw, self._products, stages))
+        for stage in stages:
+            self._drawn[stage] = self._pool.submit(_draw, self._products, stage)
 
     def pictures(self) -> list[Picture]:
-        """All pictures, once they are drawn. Raises what drawing raised."""
-        return [picture for future in self._drawn for picture in future.result()]
+        """All pictures in the order of the page, once they are drawn. Raises what drawing raised."""
+        order = [stage for stage in pictured_stages() if stage in self._drawn]
+        return [picture for stage in order for picture in self._drawn[stage].result()]
 
 
 def _end_with_parent() -> None:
@@ -66,5 +68,5 @@ def _prepare() -> None:
     figure.canvas.draw()
 
 
-def _draw(products: Path, stages: tuple[str, ...]) -> list[Picture]:
-    return stage_pictures(Products(products), stages)
+def _draw(products: Path, stage: str) -> list[Picture]:
+    return stage_pictures(Products(products), stage)

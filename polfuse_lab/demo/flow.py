@@ -99,17 +99,19 @@ def demo(
         say("collecting along the rail")
         with simulate(scene_path, out / "rig.toml"):
             outcome = _collect(out / "rig.toml", plan_path, session, on_status)
+        say("polarization of the light")
+        optics(session, products)
+        drawing.draw("optics")
         say("focusing, twice: back-projection and range migration")
         # A Taylor window along the aperture as well: side lobes of the strong targets would hide the bush.
         focus(session, products, method="bp", aperture="taylor", sky=sky)
+        drawing.draw("ranging")
         focus(session, compared, method="rma", aperture="taylor", sky=sky)
-        say("calibrating")
+        say("calibrating and fusing")
         calibration = _calibrate(products, scene, sky, load_rig(out / "rig.toml").geometry.antenna_height_m)
-        drawing.draw("ranging", "calibration", "polarimetry")
-        say("polarization of the light, fusion")
-        optics(session, products)
+        drawing.draw("calibration", "polarimetry")
         fuse(products)
-        drawing.draw("optics", "fusion")
+        drawing.draw("fusion")
         say("checking")
         checks = [
             *collect_checks(outcome, load_plan(plan_path)),

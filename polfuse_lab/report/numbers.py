@@ -13,7 +13,8 @@ from polfuse_lab.report.text import Number
 
 def stage_numbers(products: Products) -> list[Number]:
     """The table of numbers, from the stages present."""
-    return [item for name in products.stages() if name in _NUMBERS for item in _NUMBERS[name](products)]
+    present = products.stages()
+    return [number for name, describe in _NUMBERS.items() if name in present for number in describe(products)]
 
 
 def _number(settings: Mapping[str, Any], key: str) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -30,10 +30,15 @@ class Picture:
         return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
 
 
-def stage_pictures(products: Products, stages: Sequence[str] | None = None) -> list[Picture]:
-    """The pictures of some stages (of all that are there where left out), in their order."""
-    chosen = products.stages() if stages is None else stages
-    return [item for name in chosen if name in _PICTURES for item in _PICTURES[name](products)]
+def stage_pictures(products: Products, stage: str | None = None) -> list[Picture]:
+    """The pictures of one stage, or of all that are there, from radar and camera to their fusion."""
+    chosen = products.stages() if stage is None else [stage]
+    return [picture for name, draw in _PICTURES.items() if name in chosen for picture in draw(products)]
+
+
+def pictured_stages() -> list[str]:
+    """Stages that have pictures, in their order on the page."""
+    return list(_PICTURES)
 
 
 def _picture(name: str, title: str, caption: str, figure: Figure) -> Picture:
