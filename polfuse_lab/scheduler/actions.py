@@ -241,7 +241,7 @@ class Actions:
     def _listen(self, frames: int) -> AudioBlock:
         radar = self._devices.radar
         self._devices.call("radar", radar.begin, frames)
-        deadline = time.monotonic() + frames / radar.sample_rate_hz + AUDIO_SLACK_S
+        deadline = self._control.now() + frames / radar.sample_rate_hz + AUDIO_SLACK_S
         try:
             while (block := self._devices.call("radar", radar.poll)) is None:
                 self._in_time(deadline, "radar", "delivered no complete record")
@@ -324,7 +324,9 @@ class Actions:
                 at = look.angle
             self._exposure_s = self._devices.call("camera", control.set_exposure, look.exposure_s)
             self._devices.call("camera", self._devices.camera.trigger)
-            seen = Seen(self._exposure_s, goal.level(self._await_frame(self._exposure_s).image))
+            image = self._await_frame(self._exposure_s).image
+            seen = Seen(self._exposure_s, goal.level(image))
+            self._keep(exposure_look(goal.limits_s, self._exposure_s, int(image.max())))
         # The camera stands at the last exposure looked at, which is the one found.
         self._exposure_found = True
         if found.problem:
@@ -333,7 +335,7 @@ class Actions:
         self._keep(Event("exposure", text, time.monotonic_ns()))
 
     def _await_frame(self, exposure_s: float) -> Frame:
-        deadline = time.monotonic() + exposure_s + FRAME_SLACK_S
+        deadline = self._control.now() + exposure_s + FRAME_SLACK_S
         while (frame := self._devices.call("camera", self._devices.camera.poll)) is None:
             self._in_time(deadline, "camera", "delivered no frame")
             self._control.slice(0.005)
@@ -348,10 +350,10 @@ class Actions:
             self._prompts.withdraw(ticket)
 
     def _deadline(self, kind: str, seconds: float) -> float:
-        return math.inf if self._devices.by_kind[kind].by_hand else time.monotonic() + seconds
+        return math.inf if self._devices.by_kind[kind].by_hand else self._control.now() + seconds
 
     def _in_time(self, deadline: float, kind: str, what: str) -> None:
-        if time.monotonic() > deadline:
+        if self._control.now() > deadline:
             driver = self._devices.by_kind[kind].driver
             self._devices.failed = kind
             raise DeviceTimeout(what, where=f"{kind} ({driver})", advice="check the device, its power and its cable")
@@ -359,6 +361,13 @@ class Actions:
     def _warn(self, text: str) -> None:
         self.warnings = (*self.warnings, text)[-20:]
         self._keep(Event("warning", text, time.monotonic_ns()))
+
+
+def exposure_look(limits_s: tuple[float, float], exposure_s: float, peak: int) -> Event:
+    """What a look of the search for an exposure showed, to the last bit: the search can be gone through again by it."""
+    low, high = limits_s
+    text = f"exposure {float(exposure_s)!r} s of {float(low)!r} to {float(high)!r} s, brightest pixel {peak} counts"
+    return Event("look", text, time.monotonic_ns())
 
 
 def _switch_flags(before: SwitchState, after: SwitchState) -> SweepFlag:

@@ -65,6 +65,10 @@ class Control:
         if self._abort.is_set():
             raise Aborted(self._reason)
 
+    def now(self) -> float:
+        """Seconds on the clock that the run goes by: the host's monotonic one, in a replay the recording's."""
+        return time.monotonic()
+
     def slice(self, seconds: float = SLICE_S) -> None:
         """Wait for one slice. Raises :class:`Aborted`, and whatever :attr:`tick` raises."""
         self._abort.wait(min(seconds, SLICE_S))
@@ -73,9 +77,9 @@ class Control:
 
     def sleep(self, seconds: float) -> None:
         """Wait. Raises as :meth:`slice`."""
-        end = time.monotonic() + seconds
+        end = self.now() + seconds
         self.check()
-        while (left := end - time.monotonic()) > 0:
+        while (left := end - self.now()) > 0:
             self.slice(left)
 
     def wait_for(self, future: Future[Any], timeout_s: float, what: str, where: str) -> None:

@@ -73,6 +73,13 @@ class Viewer(Protocol):
         """What the user should know."""
 
 
+class DeviceMaker(Protocol):
+    """Makes the devices of a run; :func:`polfuse_lab.scheduler.devices.make_devices` is the usual one."""
+
+    def __call__(self, rig: Rig, path: Path, operator: Prompts, control: Control, *, optics: bool) -> DeviceSet:
+        """Make the drivers that the rig needs, not yet opened. Raises :class:`PolfuseError`."""
+
+
 class Scheduler:
     """One run of one plan on one rig.
 
@@ -92,8 +99,10 @@ class Scheduler:
         plan_toml: str | None = None,
         viewer: Viewer | None = None,
         on_change: Callable[[], None] = lambda: None,
+        control: Control | None = None,
+        devices: DeviceMaker = make_devices,
     ) -> None:
-        self.control = Control()
+        self.control = control or Control()
         self.prompts = Prompts()
         self._rig = rig
         self._plan = plan
@@ -103,6 +112,7 @@ class Scheduler:
         self._texts = (rig_toml, plan_toml)
         self._viewer = viewer
         self._on_change = on_change
+        self._make_devices = devices
         self._lock = threading.Lock()
         self._status = RunStatus()
         self._notes: list[Note] = []
@@ -149,7 +159,7 @@ class Scheduler:
         self.control.tick = self._tick
         self._enter(RunState.PREPARING, "opening the devices")
         optics = self._plan.optics is not None
-        self._devices = make_devices(self._rig, self._rig_path, self.prompts, self.control, optics=optics)
+        self._devices = self._make_devices(self._rig, self._rig_path, self.prompts, self.control, optics=optics)
         self._devices.open_all()
         self._enter(RunState.PREPARING, "listening to the radar")
         self._actions = Actions(self._rig, self._plan, self._devices, self.control, self.prompts, self._keep)
@@ -189,7 +199,7 @@ class Scheduler:
         while index < len(planned):
             if self.control.pausing:
                 before = time.monotonic()
-                self._pause()
+                self._pause(index)
                 paused_s += time.monotonic() - before
                 if index != checkpoint:
                     self._actions.repeat()
@@ -197,7 +207,7 @@ class Scheduler:
                     index = checkpoint
             step = planned[index]
             spent = time.monotonic() - started - paused_s
-            self._set(eta_s=sum(times[index:]) * _pace(spent, expected_done))
+            self._set(step=index, eta_s=sum(times[index:]) * _pace(spent, expected_done))
             self._enter(RunState.RUNNING, describe(step))
             try:
                 self._devices.failed = None
@@ -206,7 +216,7 @@ class Scheduler:
                     self._flush()
             except DeviceError as error:
                 before = time.monotonic()
-                self._recover(error)
+                self._recover(error, index)
                 paused_s += time.monotonic() - before
                 self._actions.repeat()
                 self._event("resumed", f"repeating from step {checkpoint + 1}")
@@ -221,7 +231,7 @@ class Scheduler:
         self._flush()
         self._set(eta_s=0.0)
 
-    def _recover(self, error: DeviceError) -> None:
+    def _recover(self, error: DeviceError, index: int) -> None:
         """Wait for a lost device to come back; raise ``error``, or a worse one, when that is no use."""
         assert self._recovery is not None
         assert self._actions is not None
@@ -231,7 +241,7 @@ class Scheduler:
         clocks, self._clocks = self._clocks, None  # no questions to a device that is away
         try:
             self._enter(RunState.PAUSED, f"the {kind} is lost: {error}")
-            self._event("lost", f"{kind}: {error}")
+            self._event("lost", f"{kind} in step {index + 1}: {error}")
             self._flush()
             self._event("back", self._recovery.bring_back(kind, error, self._actions.last_fix))
         finally:
@@ -239,9 +249,9 @@ class Scheduler:
         if clocks is not None:
             clocks.forget()
 
-    def _pause(self) -> None:
+    def _pause(self, index: int) -> None:
         self._enter(RunState.PAUSED, "paused by the user")
-        self._event("paused", "paused by the user")
+        self._event("paused", f"paused by the user before step {index + 1}")
         while self.control.pausing:
             self.control.slice()
 
