@@ -9,6 +9,7 @@ from __future__ import annotations
 import bisect
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -36,6 +37,13 @@ class Track:
             self._cut(t0_ns)
             self._append(t0_ns, start)
             self._append(max(t1_ns, t0_ns + 1), stop)
+
+    def follow(self, times_ns: Sequence[int], values: Sequence[float]) -> None:
+        """Move through ``values`` at ``times_ns`` (rising), linearly in between, then stand."""
+        with self._lock:
+            self._cut(times_ns[0])
+            for t_ns, value in zip(times_ns, values, strict=True):
+                self._append(max(t_ns, self._times[-1] + 1), value)
 
     def at(self, t_ns: int | None = None) -> float:
         """Value at ``t_ns`` (now)."""

@@ -4,7 +4,11 @@ Moves are ``G1`` in machine coordinates (``G53``): work offsets that someone els
 says that a line was accepted; a move is over when the controller is idle at its target. To stop, a feed hold (``!``)
 lets the trolley slow down along its ramp, and once it stands (``Hold:0``) a soft reset discards the rest of the move:
 the position survives, no alarm is raised, and the next move starts afresh. A reset while still in motion would lose
-steps.
+steps. Jogs (``$J=``) end in Idle by the same feed hold.
+
+Homing (``$H``, where ``$22=1``) is started like a move and then polled. Meanwhile the firmware answers nothing, not
+even status questions, until it says ``ok``; only a soft reset stops it, and its position is lost then. Where soft
+limits are on (``$20=1``), targets beyond the controller's travel (``$130``) are refused before it raises an alarm.
 """
 
 from __future__ import annotations
@@ -12,25 +16,17 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le
 
-from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
+from drivers.errors import DeviceBadAnswer, DeviceError, DeviceTimeout
 from drivers.options import checked
 from drivers.records import Identity, TrolleyFix
-from drivers.transport import SerialLine
-from drivers.trolley.grbl_protocol import AXES, Report, explain, parse_report, parse_setting
-
-_BANNER = "Grbl "
-_RESET = b"\x18"
-_STANDING = ("Idle", "Check", "Sleep")
-_MOVING = ("Run", "Jog")
-_START_GRACE_S = 0.5
-_MAX_LINES = 200
-_UNLOCK_ADVICE = "look why, check the trolley's position, then home it ($H) or unlock it ($X) in a terminal"
+from drivers.trolley.grbl_line import MOVING, RESET, STANDING, UNLOCK_ADVICE, GrblLine
+from drivers.trolley.grbl_protocol import AXES, Report
+from drivers.trolley.move_watch import MoveWatch
 
 
 class GrblTrolley:
@@ -68,26 +64,34 @@ class GrblTrolley:
         """Shortest time between two status questions, s (GRBL wants at most some 10 to 20 a second)."""
         unlock_at_open: bool = False
         """Unlock a controller that is in alarm ($X) when opened; only where its position is known to be right."""
+        home_first: bool = False
+        """Seek the limit switch ($H) before the first move after opening; needs $22=1 and a switch on the rail."""
+        homing_timeout_s: Annotated[float, Gt(0), Le(600)] = 90.0
+        """Time that homing may take, s."""
 
     def __init__(self, options: Options) -> None:
         self._options = checked(options)
         half = options.length_m / 2
         self._origin_m = -options.direction * half if options.origin_m is None else options.origin_m
-        self._line = SerialLine(options.port, baud=options.baud, name="GRBL trolley", timeout_s=options.timeout_s)
+        self._line = GrblLine(options.port, options.baud, options.timeout_s, self._upset)
         self._state_lock = threading.RLock()
-        self._work_offset_mm: tuple[float, ...] | None = None
+        self._limits_m = (-half, half)
         self._step_m = 0.0
         self._feed_m_s = options.feed_m_s
+        self._can_home = False
         self._fix: TrolleyFix | None = None
-        self._target_m: float | None = None
-        self._started_s = self._deadline_s = 0.0
-        self._advanced_s, self._advanced_to_m = 0.0, math.nan
+        self._move = MoveWatch(self._line.where, options.stall_s)
         self._stopping = False
+        self._alarm: str | None = None
+        self._homed = True
+        self._homing = False
+        self._homing_deadline_s = 0.0
+        self._after_homing_m: float | None = None
 
     @property
     def limits_m(self) -> tuple[float, float]:
-        """Smallest and largest x that may be asked for, m."""
-        return -self._options.length_m / 2, self._options.length_m / 2
+        """Smallest and largest x that may be asked for, m: the rail's, or the controller's soft limits within it."""
+        return self._limits_m
 
     def open(self) -> Identity:
         """Connect, bring a moving trolley to a stand, reset the controller and read its settings.
@@ -105,26 +109,67 @@ class GrblTrolley:
                 raise
 
     def start_move(self, x_m: float) -> None:
-        """Begin to move to ``x_m``.
+        """Begin to move to ``x_m`` (with ``home_first``, begin to home where that is still to be done, then move).
 
         Raises:
             DeviceRefused: outside the limits, in alarm, or the controller refused the line.
         """
-        low, high = self.limits_m
-        if not low <= x_m <= high:
-            raise self._refused(
-                f"x = {x_m:g} m is outside the rail ({low:g} to {high:g} m)", "ask for a position on the rail"
-            )
+        self._check_limits(x_m)
         with self._state_lock, self._line.exchange():
+            if self._homing:
+                self._after_homing_m = x_m
+            elif not self._homed and self._options.home_first:
+                self.start_homing()
+                self._after_homing_m = x_m
+            else:
+                self._go(f"G21 G90 G53 G1 {self._options.axis}", x_m, self._feed_m_s)
+
+    def start_jog(self, x_m: float, speed_m_s: float | None = None) -> None:
+        """Begin to move by hand control: as :meth:`start_move`, at a speed of its own; end it with :meth:`stop`.
+
+        Args:
+            x_m: where the jog ends if nobody stops it (for a jog key: the rail's end), m.
+            speed_m_s: speed, m/s; the moves' own if left out.
+
+        Raises:
+            DeviceRefused: outside the limits, in alarm, homing, or the controller refused the line.
+        """
+        self._check_limits(x_m)
+        with self._state_lock, self._line.exchange():
+            if self._homing:
+                raise self._line.refused("the trolley is homing", "wait until it has its reference")
+            self._go(f"$J=G21 G90 G53 {self._options.axis}", x_m, speed_m_s or self._feed_m_s)
+
+    def start_homing(self) -> None:
+        """Begin to seek the limit switch ($H); :meth:`poll` shows ``moving`` until it has been found.
+
+        Raises:
+            DeviceRefused: homing is not enabled, or the trolley moves.
+        """
+        with self._state_lock, self._line.exchange():
+            if not self._can_home:
+                raise self._line.refused(
+                    "homing is not enabled ($22=0)", "send $22=1 in a terminal where the rail has a limit switch"
+                )
+            self._end_alarm()
             if self._stopping:
                 self._finish_stop(time.monotonic() + self._options.timeout_s)
-            machine_mm = self._options.direction * (x_m - self._origin_m) * 1e3
-            self._command(f"G21 G90 G53 G1 {self._options.axis}{machine_mm:z.3f} F{self._feed_m_s * 6e4:.1f}")
-            self._target_m = x_m
-            self._started_s = self._advanced_s = time.monotonic()
-            self._advanced_to_m = math.nan
-            self._deadline_s = self._started_s + self._options.length_m / self._feed_m_s + self._options.move_margin_s
-            self._fix = None
+            self._line.send("$H")
+            self._move.end()
+            self._homing, self._homed, self._fix = True, False, None
+            self._homing_deadline_s = time.monotonic() + self._options.homing_timeout_s
+
+    def unlock(self) -> None:
+        """End an alarm without homing ($X); only where the position is known to be right.
+
+        Raises:
+            DeviceRefused: the controller stays locked.
+            DeviceTimeout, DeviceLost, DeviceBadAnswer: it cannot be talked to.
+        """
+        with self._state_lock, self._line.exchange():
+            self._end_alarm()
+            self._line.command("$X")
+            self._homed, self._fix = True, None
 
     def poll(self) -> TrolleyFix:
         """Present position; ``moving`` until the controller is idle at the target, or has come to a stand after a stop.
@@ -140,29 +185,37 @@ class GrblTrolley:
                 and time.monotonic_ns() - self._fix.t_host_ns < self._options.poll_interval_s * 1e9
             ):
                 return self._fix
-            report, t_host_ns, round_trip_s = self._report()
-            if self._stopping and report.state in _MOVING:
+            if self._homing:
+                return self._poll_homing()
+            self._check_alarm()
+            report, t_host_ns, round_trip_s = self._line.report()
+            if self._stopping and report.state in MOVING:
                 self._line.write(b"!")  # a hold between 'ok' and the first step is ignored
-            if self._stopping and report.name in ("Hold:0", *_STANDING):
+            if self._stopping and report.name in ("Hold:0", *STANDING):
                 self._finish_stop(time.monotonic() + self._options.timeout_s)
-                report, t_host_ns, round_trip_s = self._report()
+                report, t_host_ns, round_trip_s = self._line.report()
             x_m = self._x_m(report)
             moving = self._judge(report, x_m)
-            self._fix = TrolleyFix(x_m, self._sd_m(moving, round_trip_s), moving, t_host_ns, report.name)
+            sd_m = self._sd_m(moving, round_trip_s) if self._homed else self._anywhere_m
+            self._fix = TrolleyFix(x_m, sd_m, moving, t_host_ns, report.name)
             return self._fix
 
     def stop(self) -> None:
         """Feed hold at once; :meth:`poll` then shows when the trolley stands. The position stays known.
 
+        While homing only a reset helps: the trolley stops, and must be homed (or unlocked) before it moves again.
+
         Raises:
             DeviceLost, DeviceTimeout: the controller cannot be reached.
         """
         # Written before any lock is taken: another thread may be waiting for an answer.
-        self._line.write(b"!")
+        self._line.write(RESET if self._homing else b"!")
         with self._state_lock:
+            self._move.end()
+            self._fix = self._after_homing_m = None
+            if self._homing:
+                return  # the next poll tells of the alarm that this is
             self._stopping = True
-            self._target_m = None
-            self._fix = None
             # A hold that overtook another thread's G1 was ignored; a second one in a hold is.
             self._line.write(b"!")
 
@@ -178,150 +231,132 @@ class GrblTrolley:
         """Release the port. Idempotent; never raises."""
         self._line.close()
         with self._state_lock:
-            self._target_m = self._fix = self._work_offset_mm = None
-            self._stopping = False
+            self._move.end()
+            self._fix = self._alarm = self._after_homing_m = None
+            self._stopping = self._homing = False
 
     # How the conversation goes
 
     def _open(self) -> Identity:
         line, options = self._line, self._options
         with line.exchange():
-            line.drain()
-            self._wake()
+            line.wake()
+            self._alarm, self._homed = None, True
             self._stopping = True
             line.write(b"!")
             version = self._finish_stop(time.monotonic() + 2 * options.timeout_s)
-            report, _, _ = self._report()
-            if report.state == "Alarm":
-                if not options.unlock_at_open:
-                    raise self._refused("the controller is in alarm", _UNLOCK_ADVICE)
-                self._command("$X")
-            build = self._command("$I")
+            report, _, _ = line.report()
+            locked = report.state == "Alarm"
+            build = line.command("$I")
             self._read_settings()
+            if options.home_first and not self._can_home:
+                raise line.refused("homing is not enabled ($22=0)", "send $22=1 in a terminal, or leave out home_first")
+            if locked and options.unlock_at_open and not options.home_first:
+                line.command("$X")
+            elif locked and not options.home_first:
+                raise line.refused("the controller is in alarm", UNLOCK_ADVICE)
+            self._homed = not options.home_first
             # Reports with work positions say only now and then how these relate to machine positions.
             for _ in range(40):
-                report, _, _ = self._report()
+                report, _, _ = line.report()
                 if report.machine_mm is not None:
                     break
             x_m = self._x_m(report)
-        detail = f"{' '.join(build)} at x = {x_m:+.4f} m"
-        return Identity("trolley", "grbl", version, detail.strip())
+        stands = f"at x = {x_m:+.4f} m" if self._homed else "to be homed before its first move"
+        return Identity("trolley", "grbl", version, f"{' '.join(build)} {stands}".strip())
 
-    def _wake(self) -> None:
-        """Wait until a controller answers; one that restarts with its port needs some 2 s."""
-        give_up_s = time.monotonic() + self._options.timeout_s + 2.5
-        while True:
-            self._line.write(b"?")
-            slice_end_s = time.monotonic() + 0.25
-            while (left_s := slice_end_s - time.monotonic()) > 0:
-                try:
-                    said = self._line.read_line(left_s)
-                except DeviceTimeout:
-                    break
-                if said.startswith((_BANNER, "<")):
-                    # Answers to earlier questions may still be on their way; taken for later ones, they would be stale.
-                    time.sleep(0.1)
-                    self._line.drain()
-                    return
-            if time.monotonic() > give_up_s:
-                raise DeviceTimeout(
-                    "no GRBL controller answers",
-                    where=self._line.where,
-                    advice="check power, port and baud rate (GRBL 1.1 uses 115200)",
-                )
+    def _go(self, command: str, x_m: float, speed_m_s: float) -> None:
+        """Send a move or a jog; the line is held."""
+        self._check_alarm()
+        if self._stopping:
+            self._finish_stop(time.monotonic() + self._options.timeout_s)
+        machine_mm = self._options.direction * (x_m - self._origin_m) * 1e3
+        self._line.command(f"{command}{machine_mm:z.3f} F{speed_m_s * 6e4:.1f}")
+        self._move.begin(x_m, self._options.length_m / speed_m_s + self._options.move_margin_s)
+        self._fix = None
 
     def _finish_stop(self, deadline_s: float) -> str:
-        """Wait until the trolley stands, then discard the held move; return the banner. Called with the line held."""
-        with self._line.exchange():
-            while True:
-                report, _, _ = self._report()
-                if report.name == "Hold:0" or report.state in (*_STANDING, "Alarm", "Door"):
-                    break
-                if report.state in _MOVING:
-                    self._line.write(b"!")
-                if time.monotonic() > deadline_s:
-                    raise DeviceTimeout(
-                        f"the trolley does not come to a stand (state {report.name})",
-                        where=self._line.where,
-                        advice="switch the motor's power off and look at the controller",
-                    )
-                time.sleep(0.02)
-            self._line.write(_RESET)
-            said = next(said for said in self._answers() if said.startswith(_BANNER))
-            self._stopping = False
-            self._target_m = None
-            # What the banner brings along ([MSG:...]) is skipped by whoever reads next.
-            return said.split(" [")[0]
+        """Wait until the trolley stands, then discard the held move; return the banner."""
+        banner = self._line.come_to_a_stand(deadline_s)
+        self._stopping = False
+        self._move.end()
+        return banner
 
-    def _command(self, command: str) -> list[str]:
-        """Send one line, wait for its ``ok``, return what came before it."""
-        self._hear_stale()
-        self._line.write(command.encode() + b"\n")
-        said: list[str] = []
-        for answer in self._answers():
-            if answer == "ok":
-                break
-            if answer.startswith("error:"):
-                advice = _UNLOCK_ADVICE if answer == "error:9" else "check the rig file's [trolley.options]"
-                raise self._refused(f"{command!r} was refused: {explain(answer)}", advice)
-            self._unasked(answer)
-            if not answer.startswith("<"):
-                said.append(answer)
-        return said
-
-    def _report(self) -> tuple[Report, int, float]:
-        """Ask for a status report: the report, the host's time at mid-exchange, and the round trip, s."""
-        with self._line.exchange():
-            self._hear_stale()
-            asked_ns = time.monotonic_ns()
-            self._line.write(b"?")
-            for answer in self._answers():
-                if answer.startswith("<"):
-                    break
-                self._unasked(answer)
-            answered_ns = time.monotonic_ns()
-        report = parse_report(answer, self._work_offset_mm, self._line.where)
-        self._work_offset_mm = report.work_offset_mm
-        return report, (asked_ns + answered_ns) // 2, (answered_ns - asked_ns) * 1e-9
-
-    def _answers(self) -> Iterator[str]:
-        """Lines as they come, a bounded number of them; raises DeviceTimeout when the time for an answer is over."""
-        end_s = time.monotonic() + self._options.timeout_s
-        for _ in range(_MAX_LINES):
-            yield self._line.read_line(max(end_s - time.monotonic(), 0.0))
-        raise self._babble()
-
-    def _hear_stale(self) -> None:
-        """Take what was said since the last exchange, so that it is not mistaken for the next answer."""
-        for _ in range(_MAX_LINES):
-            stale = self._line.try_line()
-            if stale is None:
-                return
-            self._unasked(stale)
-        raise self._babble()
-
-    def _unasked(self, answer: str) -> None:
-        """What the controller says by itself: alarms and restarts are errors, messages and echoes are not."""
-        if answer.startswith("ALARM:"):
-            self._target_m = None
-            raise self._refused(explain(answer), _UNLOCK_ADVICE)
-        if answer.startswith(_BANNER):
-            self._target_m = self._work_offset_mm = None
-            raise DeviceLost(
-                "the controller restarted by itself, its position is no longer known",
+    def _poll_homing(self) -> TrolleyFix:
+        """Hear whether homing is over; the firmware answers nothing else meanwhile."""
+        try:
+            said = self._line.heard()
+            while said is not None and said != "ok":
+                if said.startswith("error:"):
+                    raise self._line.refused_command("$H", said)
+                said = self._line.heard()
+        except DeviceError:
+            self._homing = False
+            raise
+        x_m = self._fix.x_m if self._fix is not None else 0.0
+        if said == "ok":
+            self._homing, self._homed = False, True
+            target_m, self._after_homing_m = self._after_homing_m, None
+            if target_m is not None:
+                self._go(f"G21 G90 G53 G1 {self._options.axis}", target_m, self._feed_m_s)
+            else:
+                return self.poll()
+        elif time.monotonic() > self._homing_deadline_s:
+            self._homing = False
+            self._line.write(RESET)
+            raise DeviceTimeout(
+                f"the limit switch was not found within {self._options.homing_timeout_s:g} s",
                 where=self._line.where,
-                advice="check its supply, set the position right and open the trolley again",
+                advice="check the switch and its direction ($23), or raise homing_timeout_s",
             )
+        return TrolleyFix(x_m, self._anywhere_m, True, time.monotonic_ns(), "Home")
 
     def _read_settings(self) -> None:
-        settings = dict(filter(None, map(parse_setting, self._command("$$"))))
-        axis = AXES.index(self._options.axis)
+        options, settings = self._options, self._line.settings()
+        axis = AXES.index(options.axis)
         if settings.get(13):
-            raise self._refused("the controller reports inches ($13=1)", "send $13=0 in a terminal")
+            raise self._line.refused("the controller reports inches ($13=1)", "send $13=0 in a terminal")
         if steps_per_mm := settings.get(100 + axis):
             self._step_m = 1e-3 / abs(steps_per_mm)
         limit_m_s = settings.get(110 + axis, math.inf) / 6e4
-        self._feed_m_s = min(self._options.feed_m_s, limit_m_s) if limit_m_s > 0 else self._options.feed_m_s
+        self._feed_m_s = min(options.feed_m_s, limit_m_s) if limit_m_s > 0 else options.feed_m_s
+        self._can_home = bool(settings.get(22))
+        low, high = -options.length_m / 2, options.length_m / 2
+        if settings.get(20) and (travel_mm := settings.get(130 + axis)):
+            # The firmware's machine positions run from -travel to 0.
+            ends = sorted(self._origin_m - options.direction * mm * 1e-3 for mm in (0.0, travel_mm))
+            low, high = max(low, ends[0]), min(high, ends[1])
+            if low >= high:
+                raise self._line.refused(
+                    f"its soft limits (x from {ends[0]:.3f} to {ends[1]:.3f} m) leave nothing of the rail",
+                    "check the options origin_m and direction, and the controller's $130",
+                )
+        self._limits_m = (low, high)
+
+    def _upset(self, alarm: str | None) -> None:
+        """The controller raised an alarm, or restarted: what was under way is over."""
+        self._move.end()
+        self._after_homing_m = self._fix = None
+        self._homing = False
+        self._alarm = alarm
+
+    def _check_alarm(self) -> None:
+        if self._alarm is not None:
+            raise self._line.refused(f"the controller is in alarm since {self._alarm}", UNLOCK_ADVICE)
+
+    def _end_alarm(self) -> None:
+        """After some alarms the firmware answers nothing until it is reset."""
+        if self._alarm is not None:
+            self._line.forget()
+            self._line.reset()
+            self._alarm = None
+
+    def _check_limits(self, x_m: float) -> None:
+        low, high = self.limits_m
+        if not low <= x_m <= high:
+            raise self._line.refused(
+                f"x = {x_m:g} m is outside the rail ({low:g} to {high:g} m)", "ask for a position on the rail"
+            )
 
     # What the answers mean
 
@@ -335,6 +370,11 @@ class GrblTrolley:
             )
         return self._origin_m + self._options.direction * report.machine_mm[axis] * 1e-3
 
+    @property
+    def _anywhere_m(self) -> float:
+        """Standard deviation of a position that may be anywhere on the rail."""
+        return self._options.length_m / math.sqrt(12)
+
     def _sd_m(self, moving: bool, round_trip_s: float) -> float:
         """Uniform over the tolerance and one step; under way also over the distance covered in one round trip."""
         blur_m = self._feed_m_s * round_trip_s if moving else 0.0
@@ -342,47 +382,17 @@ class GrblTrolley:
 
     def _judge(self, report: Report, x_m: float) -> bool:
         """Whether the trolley still moves."""
-        if report.state == "Alarm":
-            self._target_m = None
-            raise self._refused("the controller is in alarm", _UNLOCK_ADVICE)
+        if report.state == "Alarm" and self._homed:
+            self._move.end()
+            raise self._line.refused("the controller is in alarm", UNLOCK_ADVICE)
         if report.state == "Door":
-            raise self._refused("the safety door is open", "close it, reset the controller and move again")
-        if self._target_m is None:
-            return self._stopping or report.state not in _STANDING
-        now_s = time.monotonic()
-        if report.state in _STANDING:
-            if abs(x_m - self._target_m) <= self._options.tolerance_m + self._step_m:
-                self._target_m = None
-                return False
-            # Between 'ok' and the first step the controller still reports Idle where it was.
-            if now_s - self._started_s > _START_GRACE_S:
-                target_m, self._target_m = self._target_m, None
-                raise self._refused(
-                    f"the trolley stands at x = {x_m:.4f} m instead of {target_m:.4f} m",
-                    "look for an obstacle or lost power, then move again",
-                )
-        # A hold is somebody's wish; it may last.
-        if x_m != self._advanced_to_m or report.state not in _MOVING:
-            self._advanced_to_m, self._advanced_s = x_m, now_s
-        elif now_s - self._advanced_s > self._options.stall_s:
-            raise DeviceTimeout(
-                f"the trolley has not advanced from x = {x_m:.4f} m for {self._options.stall_s:g} s"
-                f" (state {report.name})",
-                where=self._line.where,
-                advice="look whether it is held, or blocked, and whether the controller waits for something",
-            )
-        if now_s > self._deadline_s:
-            raise DeviceTimeout(
-                f"the trolley has not arrived at x = {self._target_m:.4f} m (state {report.name})",
-                where=self._line.where,
-                advice="look whether it is held or blocked, or raise move_margin_s",
-            )
-        return True
-
-    def _refused(self, what: str, advice: str) -> DeviceRefused:
-        return DeviceRefused(what, where=self._line.where, advice=advice)
-
-    def _babble(self) -> DeviceBadAnswer:
-        return DeviceBadAnswer(
-            "talks without end", where=self._line.where, advice="check the port and that it is a GRBL controller"
+            raise self._line.refused("the safety door is open", "close it, reset the controller and move again")
+        if self._move.target_m is None:
+            return self._stopping or report.state not in (*STANDING, "Alarm")
+        return self._move.moving(
+            x_m,
+            standing=report.state in STANDING,
+            driven=report.state in MOVING,
+            tolerance_m=self._options.tolerance_m + self._step_m,
+            state=report.name,
         )

@@ -192,7 +192,7 @@ def test_hitting_the_end_switch_is_an_alarm_with_a_mend() -> None:
             until_still(trolley.poll)
         with pytest.raises(DeviceRefused, match="in alarm"):
             trolley.poll()
-        with pytest.raises(DeviceRefused, match=r"error:9.*\$X"):
+        with pytest.raises(DeviceRefused, match=r"in alarm since ALARM:1.*\$X"):
             trolley.start_move(0.0)
         trolley.close()
         with pytest.raises(DeviceRefused, match=r"in alarm.*home it \(\$H\) or unlock it \(\$X\)"):
