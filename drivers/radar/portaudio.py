@@ -25,6 +25,8 @@ _lock = threading.Lock()
 _users = 0
 _environment: dict[str, str] = {}
 _replaced: dict[str, str | None] = {}
+_hanging: list[threading.Thread] = []
+_left_initialised = 0
 
 
 def check_environment(environment: Mapping[str, str]) -> None:
@@ -47,11 +49,12 @@ def acquire(environment: Mapping[str, str]) -> Any:
 
     Raises:
         DeviceError: PortAudio is not installed or does not start.
-        DeviceRefused: another open port needs a different environment.
+        DeviceRefused: another open port needs a different environment, or a call into PortAudio hangs.
     """
     global _users
     check_environment(environment)
     with _lock:
+        _refuse_hanging()
         if _users and dict(environment) != _environment:
             raise DeviceRefused(
                 "another audio port of this process is open with a different environment",
@@ -72,12 +75,13 @@ def acquire(environment: Mapping[str, str]) -> Any:
 
 def release(*, stuck: bool = False) -> None:
     """Give PortAudio back; the last one out terminates it. ``stuck``: a call into it hangs, so leave it alone."""
-    global _users
+    global _users, _left_initialised
     with _lock:
         _users = max(_users - 1, 0)
         sounddevice: Any = sys.modules["sounddevice"]
         if stuck:
             # Its exit handler would terminate PortAudio and so wait for the hanging call for ever.
+            _left_initialised += sounddevice._initialized
             sounddevice._initialized = 0
         elif not _users:
             with contextlib.suppress(Exception):
@@ -85,6 +89,24 @@ def release(*, stuck: bool = False) -> None:
                     sounddevice._terminate()
         if not _users:
             _leave()
+
+
+def _refuse_hanging() -> None:
+    """Refuse while an earlier call hangs: PortAudio cannot be initialised anew, and knows only what was there then.
+
+    Closing a stream of a JACK server that has ended hangs for ever.
+    """
+    global _left_initialised
+    _hanging[:] = [thread for thread in _hanging if thread.is_alive()]
+    if _hanging:
+        raise DeviceRefused(
+            "PortAudio hangs in this program since its sound server ended",
+            where="radar audio port",
+            advice="end this program and start it again",
+        )
+    if _left_initialised:
+        sys.modules["sounddevice"]._initialized += _left_initialised  # type: ignore[attr-defined]
+        _left_initialised = 0
 
 
 def _enter(environment: Mapping[str, str]) -> None:
@@ -157,6 +179,7 @@ def bounded(call: Callable[[], Result], timeout_s: float, what: str, where: str)
     thread.start()
     thread.join(timeout_s)
     if thread.is_alive():
+        _hanging.append(thread)
         raise DeviceTimeout(
             f"{what} did not finish in {timeout_s:g} s",
             where=where,

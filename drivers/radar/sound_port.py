@@ -395,13 +395,14 @@ class SoundPort:
         return ring.read(ring.written - frames, frames) if frames else None
 
     def clock(self) -> ClockFix | None:
-        """The least delayed arrival of the last whole second: sample clock (frames, lost ones counted, over the nominal
-        rate) against the host's. The delay of that arrival lies between none and about one block.
+        """A typical arrival of the last whole second: sample clock (frames, lost ones counted, over the nominal rate)
+        against the host's. The delay of that arrival lies between none and about one block.
         """
         with self._lock:
             self._take_in()
-            frames, host_ns, block = self._clock.best_arrival
-            if not frames or not self._options.check_pace:
+            arrival = self._clock.typical_arrival
+            if arrival is None:
                 return None
+            frames, host_ns, block = arrival
             rate = self._options.sample_rate_hz
             return ClockFix("radar", frames / rate, host_ns, round(2 * block / rate * 1e9))

@@ -61,8 +61,9 @@ class StreamClock:
         self._drift_from_ns = 0
         self._drift_least_s = math.inf
         self._flagged: deque[Arrival] = deque(maxlen=1024)
-        # What best_arrival tells: of the present drift window, and of the last whole one.
-        self._best = self._whole_best = (0, 0, 0)
+        # Lateness of each arrival of the present drift window, and what typical_arrival tells of it.
+        self._window: list[tuple[float, tuple[int, int, int]]] = []
+        self._typical: tuple[int, int, int] | None = None
         self._last_adc: tuple[int, float] | None = None
         self._adc_steps: deque[float] = deque(maxlen=64)
 
@@ -82,9 +83,15 @@ class StreamClock:
         return self._origin_ns is not None
 
     @property
-    def best_arrival(self) -> tuple[int, int, int]:
-        """(frames including lost ones, host ns, block frames) of the least delayed arrival of the last whole second."""
-        return self._whole_best if self._whole_best[0] else self._best
+    def typical_arrival(self) -> tuple[int, int, int] | None:
+        """(frames including lost ones, host ns, block frames) of an arrival of the last whole second; None before any.
+
+        It is the one that is later than a quarter of the others (in the first second, the earliest so far): the least
+        delayed ones scatter more, since few come so early, and the later ones tell of the computer's load.
+        """
+        if self._typical is None and self._window:
+            return min(self._window)[1]
+        return self._typical
 
     def lost_before(self, frame: int) -> int:
         """Frames missing before a received frame."""
@@ -121,7 +128,6 @@ class StreamClock:
             self._origin_ns = -end / self._rate * 1e9
         if not self._paced:
             self._confirmed = end
-            self._best = (end, arrival.host_ns, arrival.frames)
             return
         since_ns = arrival.host_ns - self._reference_ns
         late_s = (since_ns - self._origin_ns) * 1e-9 - (end + self.lost) / self._rate
@@ -179,14 +185,14 @@ class StreamClock:
     def _follow_drift(self, arrival: Arrival, late_s: float) -> None:
         """Let the line rise when even the least late arrival of a second lies above it (a slow sound card)."""
         assert self._origin_ns is not None
-        if late_s <= self._drift_least_s:
-            self._drift_least_s = late_s
-            self._best = (self._end + self.lost, arrival.host_ns, arrival.frames)
+        self._drift_least_s = min(self._drift_least_s, late_s)
+        self._window.append((late_s, (self._end + self.lost, arrival.host_ns, arrival.frames)))
         if arrival.host_ns - self._drift_from_ns >= DRIFT_WINDOW_S * 1e9:
             self._origin_ns += 0.5 * self._drift_least_s * 1e9
             self._drift_from_ns, self._drift_least_s = arrival.host_ns, math.inf
-            # A window that has only begun may hold late arrivals alone: only whole ones are told.
-            self._whole_best = self._best
+            self._window.sort()
+            self._typical = self._window[len(self._window) // 4][1]
+            self._window.clear()
 
     def _adc_jump(self, arrival: Arrival) -> float:
         """How much more ADC time than frames passed since the last callback, s; NaN where ADC times are not clean."""

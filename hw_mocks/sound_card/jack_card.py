@@ -88,7 +88,10 @@ class JackCard:
     def _cycle(self, frames: int) -> None:
         """Play one cycle; called by JACK's thread, which it must not delay."""
         try:
-            now_ns, number = time.monotonic_ns(), self._client.last_frame_time
+            client = self._client
+            if client is None:
+                return
+            now_ns, number = time.monotonic_ns(), client.last_frame_time
             if not self._anchor_ns:
                 self._origin, self._number, self._anchor_ns = number, number, now_ns
             # JACK's counter has 32 bits.

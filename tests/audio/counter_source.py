@@ -17,8 +17,10 @@ class CounterSource:
     Below them, where the format has room, stands a hash of n, so that every bit matters.
     """
 
-    def __init__(self, sample_rate_hz: float, sample_format: SampleFormat = "int16") -> None:
-        self.audio = AudioSettings(sample_rate_hz=sample_rate_hz)
+    def __init__(
+        self, sample_rate_hz: float, sample_format: SampleFormat = "int16", *, clock_drift_ppm: float = 0.0
+    ) -> None:
+        self.audio = AudioSettings(sample_rate_hz=sample_rate_hz, clock_drift_ppm=clock_drift_ppm)
         self._format = sample_format
 
     def block(self, first: int, frames: int, t_ns: int) -> NDArray[np.generic]:
