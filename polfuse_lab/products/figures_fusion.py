@@ -17,7 +17,7 @@ from polfuse_lab.products import style
 from polfuse_lab.products.optics import pinhole_of
 from polfuse_lab.products.store import Products
 from processing.optics.camera_model import Pinhole
-from processing.polarimetry.pauli import display_components
+from processing.polarimetry.pauli import display_components, lexicographic_vector, matrix_of_pauli
 
 Floats = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
@@ -39,8 +39,8 @@ def draw_all(products: Products, path: Path | str) -> list[Path]:
 
     Args:
         products: file with stages "polarimetry", "optics" and "fusion".
-        path: where the fused vector goes; the others stand beside it with suffixes ``_pauli``, ``_classes`` and
-            ``_overlay``.
+        path: where the fused vector goes; the others stand beside it with suffixes ``_pauli``, ``_lexicographic``,
+            ``_classes`` and ``_overlay``.
 
     Returns:
         Paths, the fused vector first.
@@ -51,6 +51,7 @@ def draw_all(products: Products, path: Path | str) -> list[Path]:
     figures = {
         "": fused_figure(fusion, settings["features"]),
         "_pauli": pauli_figure(polarimetry),
+        "_lexicographic": lexicographic_figure(polarimetry),
         "_classes": class_figure(fusion, settings["classes"]),
         "_overlay": overlay_figure(products.read("optics"), polarimetry, fusion, camera, float(settings["z_m"])),
     }
@@ -60,11 +61,15 @@ def draw_all(products: Products, path: Path | str) -> list[Path]:
 
 
 def pauli_rgb(k: ArrayLike, *, span_db: float = SPAN_DB) -> Floats:
-    """Pauli composite, (ny, nx, 3) in [0, 1]: R, G, B = |HH-VV|, |HV|, |HH+VV| in dB on one common scale.
+    """Pauli composite, (ny, nx, 3) in [0, 1]: R, G, B = |HH-VV|, |HV|, |HH+VV|; see :func:`composite`."""
+    return composite(display_components(k), span_db=span_db)
+
+
+def composite(components: Floats, *, span_db: float = SPAN_DB) -> Floats:
+    """Three amplitudes (3, ny, nx) as red, green and blue (ny, nx, 3) in [0, 1], in dB on one common scale.
 
     One scale for the three keeps the colours' meaning: equal amplitudes give grey. Undefined pixels are NaN.
     """
-    components = display_components(k)
     top = np.nanmax(components, initial=0.0)
     if top <= 0:
         return np.where(np.isfinite(components), 0.0, np.nan).transpose(1, 2, 0)
@@ -74,18 +79,33 @@ def pauli_rgb(k: ArrayLike, *, span_db: float = SPAN_DB) -> Floats:
 
 
 def pauli_figure(polarimetry: Arrays) -> Figure:
-    """The Pauli composite over the ground and its three components in dBsm.
+    """The Pauli composite over the ground and its three components.
 
     Args:
         polarimetry: arrays of the stage "polarimetry".
     """
-    x, y = polarimetry["x_m"], polarimetry["y_m"]
-    figure, axes = _ground_panels(x, y, "Pauli components (complex amplitudes)")
-    style.image(axes.flat[0], _grey(pauli_rgb(polarimetry["pauli"])), x, y)
-    style.panel(axes.flat[0], f"as R, G, B ({SPAN_DB:.0f} dB)")
-    components = display_components(polarimetry["pauli"])
-    top = float(np.ceil(np.nanmax(style.decibels(components)))) if np.any(components > 0) else 0.0
     names = ("|HH−VV|: even bounce", "|HV|: turned, volume", "|HH+VV|: odd bounce")
+    title = "Pauli components (complex amplitudes)"
+    return _components_figure(polarimetry, display_components(polarimetry["pauli"]), names, title)
+
+
+def lexicographic_figure(polarimetry: Arrays) -> Figure:
+    """The lexicographic composite over the ground and its components |HH|, sqrt 2 |HV| and |VV|.
+
+    Args:
+        polarimetry: arrays of the stage "polarimetry".
+    """
+    s = matrix_of_pauli(polarimetry["pauli"])
+    components = np.abs(lexicographic_vector(s[..., 0, 0], s[..., 0, 1], s[..., 1, 1]))
+    return _components_figure(polarimetry, components, ("|HH|", "√2 |HV|", "|VV|"), "Lexicographic components")
+
+
+def _components_figure(polarimetry: Arrays, components: Floats, names: tuple[str, ...], title: str) -> Figure:
+    x, y = polarimetry["x_m"], polarimetry["y_m"]
+    figure, axes = _ground_panels(x, y, title)
+    style.image(axes.flat[0], _grey(composite(components)), x, y)
+    style.panel(axes.flat[0], f"as R, G, B ({SPAN_DB:.0f} dB)")
+    top = float(np.ceil(np.nanmax(style.decibels(components)))) if np.any(components > 0) else 0.0
     for panel, values, name in zip(axes.flat[1:], components, names, strict=True):
         picture = style.db_image(panel, values, x, y, span_db=PANEL_SPAN_DB, top_db=top)
         style.panel(panel, name)

@@ -88,13 +88,21 @@ def _calibration(products: Products) -> list[Picture]:
 
 
 def _polarimetry(products: Products) -> list[Picture]:
-    from polfuse_lab.products.figures_fusion import pauli_figure
+    from polfuse_lab.products.figures_fusion import lexicographic_figure, pauli_figure
 
     caption = (
         "Pauli components from complex amplitudes. Red: even bounce (dihedral); green: turned or volume scattering "
         "(bush); blue: odd bounce (plate, trihedral)."
     )
-    return [_picture("pauli", "Scattering mechanisms", caption, pauli_figure(products.read("polarimetry")))]
+    plain = (
+        "Lexicographic components, calibrated and with the mean of HV and VH. Red: HH; green: √2 HV; blue: VV. Purple: "
+        "HH and VV are equally strong, whatever their phases."
+    )
+    arrays = products.read("polarimetry")
+    return [
+        _picture("pauli", "Scattering mechanisms", caption, pauli_figure(arrays)),
+        _picture("lexicographic", "Polarization channels", plain, lexicographic_figure(arrays)),
+    ]
 
 
 def _optics(products: Products) -> list[Picture]:

@@ -17,7 +17,7 @@ from polfuse_lab.products.calibrate import TargetSpec, calibrate
 from polfuse_lab.products.figures_fusion import draw_all, pauli_rgb
 from polfuse_lab.products.fuse import fuse
 from polfuse_lab.products.store import Products
-from processing.polarimetry.pauli import pauli_vector
+from processing.polarimetry.pauli import lexicographic_vector, matrix_of_pauli, pauli_vector
 
 REGIONS = """
 [[region]]
@@ -136,7 +136,10 @@ def test_missing_stages_and_pictures_that_do_not_meet(focused_path: Path, produc
 def test_pictures(products: Path, tmp_path: Path) -> None:
     fuse(products)
     paths = draw_all(Products(products), tmp_path / "f.png")
-    assert [path.name for path in paths] == ["f.png", "f_pauli.png", "f_classes.png", "f_overlay.png"]
+    assert [path.name for path in paths] == [
+        "f.png",
+        *(f"f_{name}.png" for name in ("pauli", "lexicographic", "classes", "overlay")),
+    ]
     for path in paths:
         assert path.read_bytes().startswith(b"\x89PNG")
     again = draw_all(Products(products), tmp_path / "g.png")
@@ -172,3 +175,10 @@ def test_command_line(products: Path, tmp_path: Path) -> None:
     missing = CliRunner().invoke(app, ["fuse", str(tmp_path / "none.h5"), "--json"])
     assert missing.exit_code == 1
     assert "no such products file" in missing.stderr
+
+
+def test_lexicographic_components_of_a_reciprocal_target() -> None:
+    # (|HH|, sqrt 2 |HV|, |VV|) back from the Pauli vector, by hand: HH = 3, HV = 4j, VV = -5.
+    s = matrix_of_pauli(pauli_vector([[3.0]], [[4.0j]], [[-5.0]]))
+    lexicographic = np.abs(lexicographic_vector(s[..., 0, 0], s[..., 0, 1], s[..., 1, 1]))
+    np.testing.assert_allclose(lexicographic.ravel(), [3.0, 4.0 * np.sqrt(2.0), 5.0], rtol=1e-12)
