@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 DEMO_OUT ?= demo_out
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup system gentl demo demo-quick test lint types imports unit clean constraints
+.PHONY: help setup system system-test gentl demo demo-quick test lint types imports unit clean constraints
 
 help:
 	@echo "make demo        a whole collect on a simulated rig, focused, calibrated, fused: $(DEMO_OUT)/report.html"
@@ -18,6 +18,9 @@ help:
 
 system:
 	@sh scripts/system-packages
+
+system-test:
+	@sh scripts/system-packages test
 
 gentl:
 	@sh scripts/build-gentl
@@ -39,7 +42,7 @@ demo: setup
 demo-quick: setup
 	$(BIN)/polfuse demo --out $(DEMO_OUT) --quick
 
-test: setup lint types imports unit
+test: system-test $(BIN)/.ready lint types imports unit
 
 lint: $(BIN)/.ready
 	$(BIN)/ruff check .
