@@ -47,6 +47,8 @@ from hw_mocks.sound_card import AlsaFile
 from polfuse_lab.clocks import fit_clock
 
 pytestmark = pytest.mark.audio
+QUIET_RMS_S = 50e-6
+"""Scatter of clock fixes above which other programs, and not the sound card, are what is measured."""
 
 
 def port_of(rig: Rig) -> SoundPort:
@@ -159,5 +161,7 @@ def test_clock_drift_is_seen_to_five_parts_per_million(ppm: float) -> None:
         np.array([fix.round_trip_ns for fix in fixes]),
     )
     assert fit is not None
-    # Fixes scatter by some 30 us: over 20 of them in 20 s that is 1.2 ppm (30e-6 / 20 * sqrt(12 / 20)); four of it.
+    if fit.residual_rms_s > QUIET_RMS_S:
+        pytest.skip(f"this computer is too busy: arrivals scatter by {fit.residual_rms_s * 1e6:.0f} us")
+    # Fixes scatter by some 30 us: over 20 of them in 20 s that is 1.2 ppm (30e-6 / 20 * sqrt(12 / 20)): a quarter of 5.
     assert -fit.drift_ppm == pytest.approx(ppm, abs=5)
