@@ -38,6 +38,8 @@ class _Request:
 
     first: int
     samples: NDArray[np.generic]
+    after_ns: int | None = None
+    """Host time after which all of it must have been sampled; None where the device knows no time."""
     filled: int = 0
     skipped: int = 0
 
@@ -270,10 +272,9 @@ class SoundPort:
             if frames <= 0:
                 raise DeviceRefused(f"a record of {frames} frames", where=self._where, advice="ask for one or more")
             self._take_in()
-            if self._options.check_pace:
-                first = self._clock.first_frame_after(now_ns + round(self._options.guard_s * 1e9))
-            else:
-                first = self._released
+            guard_ns = round(self._options.guard_s * 1e9)
+            paced = self._options.check_pace
+            first = self._clock.first_frame_after(now_ns + guard_ns) if paced else self._released
             try:
                 samples = np.zeros((frames, CHANNELS), dtype=self._options.sample_format)
             except (MemoryError, ValueError):
@@ -282,7 +283,7 @@ class SoundPort:
                     where=self._where,
                     advice="record fewer sweeps at a time",
                 ) from None
-            self._request = _Request(first, samples)
+            self._request = _Request(first, samples, now_ns + guard_ns if paced else None)
 
     def poll(self) -> AudioBlock | None:
         """The record asked for, once it is whole and it is known whether frames are missing in it; else None.
@@ -300,6 +301,8 @@ class SoundPort:
             end = request.first + request.skipped + len(request.samples)
             if request.filled < len(request.samples) or self._clock.confirmed < end:
                 return None
+            if self._began_early(request):
+                return None
             self._request = None
             clock, rate = self._clock, self._options.sample_rate_hz
             counted = request.first + clock.lost_before(request.first)
@@ -312,6 +315,22 @@ class SoundPort:
                 lost_frames=clock.lost_within(request.first, end) + request.skipped,
                 overflow=clock.flagged_within(request.first, end),
             )
+
+    def _began_early(self, request: _Request) -> bool:
+        """Whether the record holds frames from before it was asked for; it is then collected anew from later ones.
+
+        The clock's line only becomes known from arrivals: when all of them were late so far (a stream that began under
+        load) and then catch up, frames turn out to have been sampled earlier than they seemed.
+        """
+        if request.after_ns is None:
+            return False
+        # Half of the guard is left for the line's own scatter, which is some milliseconds.
+        margin_ns = round(self._options.guard_s * 1e9 / 2)
+        if self._clock.arrival_ns(request.first) >= request.after_ns - margin_ns:
+            return False
+        first = self._clock.first_frame_after(request.after_ns)
+        self._request = _Request(first, np.zeros_like(request.samples), request.after_ns)
+        return True
 
     def cancel(self) -> None:
         """Forget the record asked for."""
