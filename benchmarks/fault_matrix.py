@@ -43,6 +43,8 @@ class Case:
     label: str = ""
     """The fault in words, where its kind alone does not say it."""
     note: str = ""
+    at_opening: bool = False
+    """The fault is there when the driver is opened, and it refuses."""
 
     @property
     def fault(self) -> str:
@@ -94,6 +96,17 @@ def _serial(device: str, *, slow_by_itself: bool = True) -> list[Case]:
 CASES: tuple[Case, ...] = (
     *_serial("switches: Dow-Key MS"),
     Case("switches: Dow-Key MS", K.STUCK_SWITCH, After.BY_ITSELF, (DeviceTimeout, DeviceRefused), amount=2),
+    *_serial("switches: Numato relays"),
+    Case(
+        "switches: Numato relays",
+        K.STUCK_SWITCH,
+        After.UNNOTICED,
+        amount=2,
+        note="the relays say how they stand, not the contacts behind them: records are flagged as not verified",
+    ),
+    *_serial("switches: Mini-Circuits RC"),
+    Case("switches: Mini-Circuits RC", K.STUCK_SWITCH, After.BY_ITSELF, _NO, amount=2),
+    Case("switches: Mini-Circuits RC", K.HEAT_ALARM, After.BY_ITSELF, _NO),
     *_serial("trolley: GRBL", slow_by_itself=False),
     Case("trolley: GRBL", K.STALL, After.REOPENED, _SILENT),
     Case(
@@ -119,6 +132,16 @@ CASES: tuple[Case, ...] = (
             Case(device, K.DISCONNECT, After.REOPENED, (DeviceLost, DeviceTimeout)),
         )
     ),
+    Case("radar: PortAudio", K.CLOCK_JUMP, After.REOPENED, (Noticed,), amount=0.5, label="its clock stops for 0.5 s"),
+    Case(
+        "radar: PortAudio",
+        K.WRONG_FORMAT,
+        After.REOPENED,
+        _NO,
+        amount=44_100,
+        label="44.1 instead of 48 kHz when opened",
+        at_opening=True,
+    ),
     Case("camera: its process", K.DISCONNECT, After.REOPENED, _LOST, label="process killed"),
     Case("camera: its process", K.STALL, After.REOPENED, _LOST, label="process hangs"),
 )
@@ -129,6 +152,9 @@ def attempt(case: Case, stand: Stand) -> Trial:
     """Try a case on a stand whose driver is open, and leave it open."""
     trial = Trial(case, limit_s=max(LIMIT_S, stand.timeout_s) + SCHEDULING_S)
     _make_ready(stand)
+    if case.at_opening:
+        trial.limit_s = max(LIMIT_S, stand.opening_s) + SCHEDULING_S
+        stand.driver.close()
     began = time.monotonic()
     stand.begin(case.kind, case.amount)
     try:
@@ -154,6 +180,8 @@ def _watch(trial: Trial, stand: Stand, began: float) -> None:
     watch_s = trial.limit_s if trial.case.raises else WATCH_S
     while time.monotonic() - began < watch_s:
         try:
+            if trial.case.at_opening:
+                stand.driver.open()
             stand.round()
         except (DeviceError, Noticed) as error:
             trial.detected_s = time.monotonic() - began

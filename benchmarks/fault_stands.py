@@ -17,9 +17,13 @@ from drivers.polarizer.ell14 import Ell14
 from drivers.radar.sound_port import SoundPort
 from drivers.records import Channel
 from drivers.switches.dowkey_ms import DowKeyMs
+from drivers.switches.minicircuits_rc import MiniCircuitsRc
+from drivers.switches.numato_relay import NumatoRelay
 from drivers.trolley.grbl import GrblTrolley
 from hw_mocks.faults import FaultKind, FaultScript
 from hw_mocks.grbl import start_grbl
+from hw_mocks.minicircuits import host_and_port, start_rc_box
+from hw_mocks.numato import start_relays
 from hw_mocks.rotator import start_rotator
 from hw_mocks.scene_camera import SceneCamera
 from hw_mocks.scene_radar import SceneRadar
@@ -71,6 +75,8 @@ class Stand(Protocol):
     driver: Any
     timeout_s: float
     """The driver's own time-out, s."""
+    opening_s: float
+    """Its own time-out for opening, s."""
 
     def round(self) -> None:
         """One round of work. Raises DeviceError, :class:`Noticed`, :class:`Untruthful` or :class:`Hung`."""
@@ -99,6 +105,7 @@ class _SerialStand:
 
     def __init__(self, name: str, wire: Wire, driver: Any, timeout_s: float) -> None:
         self.name, self._wire, self.driver, self.timeout_s = name, wire, driver, timeout_s
+        self.opening_s = timeout_s + 3.0
         self._late_s = 0.0
 
     def begin(self, kind: FaultKind, amount: float) -> None:
@@ -122,13 +129,11 @@ class _SerialStand:
 
 
 class SwitchStand(_SerialStand):
-    """Dow-Key MS: from HH to VV and back; the route that the driver states is compared with the true one."""
+    """From HH to VV and back; the route that the driver states is compared with the true one."""
 
-    def __init__(self, folder: Path, timeout_s: float = 1.0) -> None:
-        self._world = World()
-        wire = start_switch_box(self._world)
-        options = DowKeyMs.Options(port=wire.url, timeout_s=timeout_s, settle_s=0.03, cycles_folder=str(folder))
-        super().__init__("switches: Dow-Key MS", wire, DowKeyMs(options), timeout_s)
+    def __init__(self, name: str, wire: Wire, driver: Any, timeout_s: float, world: World) -> None:
+        super().__init__(name, wire, driver, timeout_s)
+        self._world = world
 
     def round(self) -> None:
         """Both switches there and back."""
@@ -137,6 +142,33 @@ class SwitchStand(_SerialStand):
             true = (self._world.transmit.at(), self._world.receive.at())
             if true != (state.transmit, state.receive):
                 raise Untruthful(f"says {state.transmit}{state.receive}, is {''.join(true)}")
+
+
+def dowkey_stand(folder: Path, timeout_s: float = 1.0) -> SwitchStand:
+    """Dow-Key MS over a serial line."""
+    world = World()
+    wire = start_switch_box(world)
+    options = DowKeyMs.Options(port=wire.url, timeout_s=timeout_s, settle_s=0.03, cycles_folder=str(folder))
+    return SwitchStand("switches: Dow-Key MS", wire, DowKeyMs(options), timeout_s, world)
+
+
+def numato_stand(folder: Path, timeout_s: float = 1.0) -> SwitchStand:
+    """Numato relays over a serial line, with fail-safe switches."""
+    world = World()
+    wire = start_relays(world)
+    options = NumatoRelay.Options(port=wire.url, timeout_s=timeout_s, settle_s=0.03, cycles_folder=str(folder))
+    return SwitchStand("switches: Numato relays", wire, NumatoRelay(options), timeout_s, world)
+
+
+def rc_stand(folder: Path, timeout_s: float = 1.0) -> SwitchStand:
+    """Mini-Circuits RC over HTTP."""
+    world = World()
+    wire = start_rc_box(world)
+    host, port = host_and_port(wire)
+    options = MiniCircuitsRc.Options(
+        host=host, port=port, timeout_s=timeout_s, settle_s=0.03, cycles_folder=str(folder)
+    )
+    return SwitchStand("switches: Mini-Circuits RC", wire, MiniCircuitsRc(options), timeout_s, world)
 
 
 class TrolleyStand(_SerialStand):
@@ -191,6 +223,7 @@ class RadarStand:
         self._rig = rig
         self._faults = FaultScript()
         self.timeout_s = timeout_s
+        self.opening_s = 5.0 if portaudio else timeout_s
         settings = AudioSettings()
         scene = Scene(
             "one point",
@@ -213,7 +246,7 @@ class RadarStand:
             self.driver = SceneRadar(SceneRadar.Options(url=stream.url, timeout_s=timeout_s))
         self._card = SoundCard(synthesizer, sinks, faults=self._faults)
         self._card.start()
-        self._within_record: float | None = None
+        self._within_record: tuple[FaultKind, float] | None = None
 
     def round(self) -> None:
         """One record; what is missing in it or wrong with it is told as the scheduler and the live view tell it."""
@@ -223,7 +256,8 @@ class RadarStand:
         try:
             for _ in within():
                 if self._within_record is not None and time.monotonic() - begun > 0.08:
-                    self._faults.start(FaultKind.OVERFLOW, amount=self._within_record)
+                    kind, amount = self._within_record
+                    self._faults.start(kind, amount=amount)
                     self._within_record = None
                 block = self.driver.poll()
                 if block is not None:
@@ -238,8 +272,8 @@ class RadarStand:
 
     def begin(self, kind: FaultKind, amount: float) -> None:
         """Begin a fault of the sound card; frames are lost in the middle of the next record."""
-        if kind is FaultKind.OVERFLOW:
-            self._within_record = amount
+        if kind in (FaultKind.OVERFLOW, FaultKind.CLOCK_JUMP):
+            self._within_record = kind, amount
         else:
             self._faults.start(kind, amount=amount)
 
@@ -261,6 +295,7 @@ class CameraStand:
 
     def __init__(self, folder: Path, timeout_s: float = 1.5) -> None:
         self.timeout_s = timeout_s
+        self.opening_s = 10.0
         self._world = WorldServer(World())
         scene = folder / "wall.toml"
         scene.write_text(SCENE)
@@ -298,7 +333,9 @@ def portaudio_stand(folder: Path, timeout_s: float = 2.0) -> RadarStand:
 
 
 STANDS: dict[str, Callable[..., Stand]] = {
-    "switches: Dow-Key MS": SwitchStand,
+    "switches: Dow-Key MS": dowkey_stand,
+    "switches: Numato relays": numato_stand,
+    "switches: Mini-Circuits RC": rc_stand,
     "trolley: GRBL": TrolleyStand,
     "polarizer: ELL14": PolarizerStand,
     "radar: loopback": RadarStand,

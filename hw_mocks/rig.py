@@ -15,6 +15,7 @@ from hw_mocks.line_faults import LINE_FAULTS
 from hw_mocks.rotator import start_rotator
 from hw_mocks.scene_file import SceneFile, load_scene_file
 from hw_mocks.sound_card import PulseSource, Sink, SoundCard, StreamServer, Synthesizer, available_paths
+from hw_mocks.sound_card.card_faults import CARD_FAULTS
 from hw_mocks.switch_box import start_switch_box
 from hw_mocks.wire import Kind, Wire
 from hw_mocks.world import World
@@ -34,6 +35,7 @@ DEVICE_FAULTS: Mapping[str, tuple[FaultKind, ...]] = {
     "switches": (*LINE_FAULTS, FaultKind.STUCK_SWITCH),
     "trolley": (*LINE_FAULTS, FaultKind.LOST_STEPS, FaultKind.STALL),
     "polarizer": (*LINE_FAULTS, FaultKind.LOST_STEPS, FaultKind.STALL, FaultKind.HEAT_ALARM),
+    "radar": CARD_FAULTS,
 }
 """The faults that each simulated device can have."""
 
@@ -94,7 +96,8 @@ class SimulatedRig:
         self.stream = StreamServer(file.audio.sample_rate_hz)
         sinks: list[Sink] = [self.stream] if self._pulse is None else [self.stream, self._pulse]
         synthesizer = Synthesizer(file.scene(), file.waveform, file.geometry, file.audio, world, self.seed)
-        self.sound_card = SoundCard(synthesizer, sinks)
+        self._radar_faults = FaultScript()
+        self.sound_card = SoundCard(synthesizer, sinks, faults=self._radar_faults)
         self._closing.callback(self.sound_card.close)
         self.sound_card.start()
 
@@ -122,7 +125,7 @@ class SimulatedRig:
     @property
     def faults(self) -> dict[str, FaultScript]:
         """The fault scripts of the devices that have one; time runs from when a fault is added."""
-        return {name: wire.faults for name, wire in self._wires.items()}
+        return {name: wire.faults for name, wire in self._wires.items()} | {"radar": self._radar_faults}
 
     def arm(self, faults: Iterable[tuple[str, Fault]]) -> None:
         """Add faults to devices; their time runs from now.

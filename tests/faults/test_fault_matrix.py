@@ -53,7 +53,7 @@ class FakeStand:
     """A stand whose rounds fail as told while the fault lasts, and (with ``broken``) ever after."""
 
     name = "fake"
-    timeout_s = 0.1
+    timeout_s = opening_s = 0.1
 
     def __init__(self, failure: Exception | None, *, broken: bool = False) -> None:
         self.driver = Driver()

@@ -57,13 +57,13 @@ def at_rest(status: RunStatus) -> bool:
     return status.position == 1 and "recording" in status.reason
 
 
-@pytest.mark.parametrize("kind", ["switches", "trolley"])
+@pytest.mark.parametrize("kind", ["switches", "trolley", "radar"])
 def test_unplugged_and_put_back_the_collect_goes_on_from_its_checkpoint(bench: FaultBench, kind: str) -> None:
     bench.write_plan(sweeps=5)
     run = Run(bench.scheduler())
     run.until(at_rest)
     lost = time.monotonic()
-    bench.wire(kind).faults.start(FaultKind.DISCONNECT, for_s=1.0)
+    bench.simulated.faults[kind].start(FaultKind.DISCONNECT, for_s=1.0)
     status = run.until(lambda s: s.state == "paused")
     assert time.monotonic() - lost < 2
     assert f"the {kind} is lost" in status.reason or f"for the {kind} to come back" in status.reason
@@ -77,10 +77,11 @@ def test_unplugged_and_put_back_the_collect_goes_on_from_its_checkpoint(bench: F
         latest = {(int(r["position"]), int(r["channel"])): r for r in rows}
         assert len(latest) == 3 * 2
         repeated = rows[(rows["flags"] & int(SweepFlag.REPEATED)) > 0]
-        assert set(repeated["position"]) == {1}
+        assert set(repeated["position"]) <= {1}
         # Whatever had been recorded before the loss is there, and was recorded once more.
         before = rows[(rows["position"] == 1) & (rows["attempt"] == 0)]
-        assert len(before) >= len(repeated) >= 1
+        assert len(before) >= len(repeated)
+        assert len(repeated) >= (kind != "radar")  # the radar's record under way could not be finished
         if kind == "switches":
             # The record under way when they were lost is kept, and says that its route was not verified.
             unverified = rows[(rows["flags"] & int(SweepFlag.SWITCH_UNVERIFIED)) > 0]
