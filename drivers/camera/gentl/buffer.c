@@ -137,8 +137,9 @@ FrameInfo frame_info(ArvBuffer *arv)
 
 	arv_buffer_get_data(arv, &frame.filled);
 	frame.chunks = !frame.incomplete && arv_buffer_has_chunks(arv);
-	/* Of a frame whose first packet was lost, Aravis knows parts of earlier frames, but no payload type. */
-	if ((frame.payload == ARV_BUFFER_PAYLOAD_TYPE_IMAGE ||
+	/* Of an incomplete frame Aravis tells neither size nor format. */
+	if (!frame.incomplete &&
+	    (frame.payload == ARV_BUFFER_PAYLOAD_TYPE_IMAGE ||
 	     frame.payload == ARV_BUFFER_PAYLOAD_TYPE_EXTENDED_CHUNK_DATA) &&
 	    arv_buffer_get_n_parts(arv) > 0 &&
 	    arv_buffer_get_part_data_type(arv, 0) == ARV_BUFFER_PART_DATA_TYPE_2D_IMAGE) {
