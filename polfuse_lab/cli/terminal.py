@@ -14,6 +14,7 @@ from polfuse_lab.cli.output import progress
 
 if TYPE_CHECKING:
     from polfuse_lab.engine import EngineClient, Prompt, StatusEvent
+    from polfuse_lab.scheduler import RunStatus
 
 LOG_EVERY_S = 5.0
 """Where stderr is a file, a line of progress comes only so often."""
@@ -27,7 +28,7 @@ class StatusLine:
         self._shown = ""
         self._last = 0.0
 
-    def show(self, status: StatusEvent) -> None:
+    def show(self, status: StatusEvent | RunStatus) -> None:
         """Show a status."""
         text = describe(status)
         now = time.monotonic()
@@ -45,7 +46,7 @@ class StatusLine:
             self._shown = ""
 
 
-def describe(status: StatusEvent) -> str:
+def describe(status: StatusEvent | RunStatus) -> str:
     """A status in one line."""
     parts = [f"{status.state} {status.step}/{status.steps}"]
     if status.positions and status.position >= 0:

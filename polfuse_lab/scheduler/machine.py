@@ -33,7 +33,9 @@ FLUSH_S = 30.0
 class Recorder(Protocol):
     """Where records go; :class:`polfuse_lab.engine.recorder.WriterProcess` is the usual one."""
 
-    free_bytes: int | None
+    @property
+    def free_bytes(self) -> int | None:
+        """Free space on the disk, where it is known."""
 
     def open(self, config: SessionConfig, *, expected_bytes: int = 0) -> None:
         """Declare the session."""

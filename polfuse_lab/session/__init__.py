@@ -17,13 +17,17 @@ Reading::
 from polfuse_lab.session.layout import SCHEMA, VERSION, SessionConfig
 from polfuse_lab.session.reader import Session, open_session
 from polfuse_lab.session.recovery import RecoverResult, recover
+from polfuse_lab.session.selection import AudioRecord, FrameRecord, Selection
 from polfuse_lab.session.summary import info
 from polfuse_lab.session.writer import SessionWriter
 
 __all__ = [
     "SCHEMA",
     "VERSION",
+    "AudioRecord",
+    "FrameRecord",
     "RecoverResult",
+    "Selection",
     "Session",
     "SessionConfig",
     "SessionWriter",

@@ -126,6 +126,8 @@ class SessionConfig:
     """Who answered when the devices were opened."""
     extra: Mapping[str, Any] = field(default_factory=dict)
     """Whatever else is to be kept; JSON values."""
+    origin: Mapping[str, Any] = field(default_factory=dict)
+    """For a replay: entries of the recording's configuration that stand instead of this moment's (host, start, …)."""
 
     def __post_init__(self) -> None:
         if self.sample_dtype not in SAMPLE_TYPES:
@@ -206,7 +208,7 @@ def snapshot(config: SessionConfig) -> bytes:
         "started": datetime.datetime.now(datetime.UTC).isoformat(),
         "start_unix_s": time.time(),
         "start_host_ns": time.monotonic_ns(),
-    }
+    } | dict(config.origin)
     try:
         return json.dumps(content, allow_nan=False).encode()
     except (TypeError, ValueError) as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -20,6 +20,16 @@ from polfuse_lab.errors import PolfuseError
 from polfuse_lab.rig import Rig, Waveform, parse_model
 from polfuse_lab.session import layout
 from polfuse_lab.session.naming import partial_path
+from polfuse_lab.session.selection import (
+    AudioRecord,
+    ChannelChoice,
+    FrameRecord,
+    PositionChoice,
+    Selection,
+    TimeChoice,
+    select_audio,
+    select_frames,
+)
 
 if TYPE_CHECKING:
     from polfuse_lab.plans import Plan
@@ -153,7 +163,7 @@ class Session:
             if name in self._file and self._file.swmr_mode:
                 self._file[name].id.refresh()
         self._state = self._file["state"][0]
-        for name in layout.TABLES:
+        for name in (*layout.TABLES, "first_host_ns"):
             self.__dict__.pop(name, None)
 
     @property
@@ -281,6 +291,54 @@ class Session:
     def frame(self, index: int) -> NDArray[Any]:
         """Image of frame ``index``: (rows, columns), counts as delivered by the camera. Raises as :meth:`audio`."""
         return self._read("images", _index(index, self.frames, "frame"), f"frame {index}")
+
+    def audio_part(self, index: int, part: slice) -> NDArray[Any]:
+        """Some samples of audio record ``index``; only these are read. Raises as :meth:`audio`."""
+        row = self.sweeps[_index(index, self.sweeps, "audio record")]
+        start, stop, step = part.indices(int(row["samples"]))
+        first = int(row["first_sample"])
+        if step < 0:
+            return self._read("audio", slice(first, first + int(row["samples"])), f"audio record {index}")[part]
+        return self._read("audio", slice(first + start, first + max(start, stop), step), f"audio record {index}")
+
+    @cached_property
+    def first_host_ns(self) -> int:
+        """Host time of the first audio record or frame: where the session's own time begins."""
+        times = [int(table["t_host_ns"].min()) for table in (self.sweeps, self.frames) if len(table)]
+        return min(times, default=0)
+
+    def select(
+        self,
+        *,
+        channel: ChannelChoice = None,
+        position: PositionChoice = None,
+        time: TimeChoice = None,
+        latest: bool = False,
+    ) -> Selection[AudioRecord]:
+        """Choose audio records without reading their samples.
+
+        Args:
+            channel: a channel or its name, or several.
+            position: a position along the rail (from 0), a slice of them, or several.
+            time: (from, to) in seconds since the first record, by when a record began; None for an open end.
+            latest: only the latest good attempt at each position and channel.
+
+        Raises:
+            PolfuseError: there is no such channel.
+        """
+        return select_audio(self, channel=channel, position=position, time=time, latest=latest)
+
+    def select_frames(
+        self, *, angle_deg: float | Iterable[float] | None = None, time: TimeChoice = None, dark: bool | None = None
+    ) -> Selection[FrameRecord]:
+        """Choose camera frames without reading their images.
+
+        Args:
+            angle_deg: angle of the polarizer (within half a degree), or several, degrees.
+            time: as in :meth:`select`.
+            dark: only frames with (or without) the lens covered.
+        """
+        return select_frames(self, angle_deg=angle_deg, time=time, dark=dark)
 
     def _table(self, name: str) -> Table:
         return np.asarray(self._read(name, slice(None), f"table {name}"))
