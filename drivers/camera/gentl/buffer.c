@@ -124,6 +124,12 @@ GC_API DSGetBufferID(DS_HANDLE handle, uint32_t index, BUFFER_HANDLE *buffer)
 	return GC_ERR_SUCCESS;
 }
 
+/* Bytes of the image's pixels; a pixel format tells its bits per pixel in its third byte. */
+static size_t pixel_bytes(const FrameInfo *frame)
+{
+	return ((size_t)frame->width * frame->height * (frame->pixel_format >> 16 & 0xff) + 7) / 8;
+}
+
 FrameInfo frame_info(ArvBuffer *arv)
 {
 	ArvBufferStatus status = arv_buffer_get_status(arv);
@@ -155,6 +161,9 @@ FrameInfo frame_info(ArvBuffer *arv)
 		frame.y_offset = (uint32_t)y;
 		frame.x_padding = (uint32_t)x_padding;
 		frame.y_padding = (uint32_t)y_padding;
+		/* A camera that ends a frame early loses no packet, so Aravis calls it whole. */
+		if (frame.filled < pixel_bytes(&frame))
+			frame.incomplete = TRUE;
 	}
 	return frame;
 }
