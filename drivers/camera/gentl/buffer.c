@@ -152,7 +152,6 @@ FrameInfo frame_info(ArvBuffer *arv)
 		gint x, y, width, height, x_padding, y_padding;
 		arv_buffer_get_part_region(arv, 0, &x, &y, &width, &height);
 		arv_buffer_get_part_padding(arv, 0, &x_padding, &y_padding);
-		arv_buffer_get_part_data(arv, 0, &frame.image_size);
 		frame.image = TRUE;
 		frame.pixel_format = arv_buffer_get_part_pixel_format(arv, 0);
 		frame.width = (uint32_t)width;

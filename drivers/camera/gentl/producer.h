@@ -193,7 +193,7 @@ typedef struct {
 	gboolean incomplete, image, chunks, too_large;
 	ArvBufferPayloadType payload;
 	uint64_t timestamp_ns, frame_id, pixel_format;
-	size_t filled, image_size;
+	size_t filled;
 	uint32_t width, height, x_offset, y_offset, x_padding, y_padding;
 } FrameInfo;
 
