@@ -269,7 +269,8 @@ def _along_the_rail(profiles: RangeProfiles, session: Session) -> RangeProfiles:
             advice="collect at several positions along the rail",
         )
     order = np.argsort(x, kind="stable")
-    return replace(profiles, values=profiles.values[:, order], antenna_m=profiles.antenna_m[order])
+    noise = None if profiles.noise is None else profiles.noise[:, order]
+    return replace(profiles, values=profiles.values[:, order], antenna_m=profiles.antenna_m[order], noise=noise)
 
 
 def _task(profiles: RangeProfiles, grid: ImageGrid, oversampling: int, compensated: bool) -> Task:

@@ -16,7 +16,15 @@ from polfuse_lab.records import SweepFlag
 from polfuse_lab.session import Session, open_session
 from processing.errors import DataError
 from processing.radar.profiles import RangeProfiles
-from processing.radar.ranging import above_noise, average, compress, cut_sweeps, range_axis, remove_coupling
+from processing.radar.ranging import (
+    above_noise,
+    average,
+    compress,
+    cut_sweeps,
+    noise_of_average,
+    range_axis,
+    remove_coupling,
+)
 from processing.radar.sync import Polarity, Sync, find_sync
 
 Coupling = Literal["none", "mean", "reference"]
@@ -92,6 +100,7 @@ def range_profiles(
     positions = sorted({record.position for record in records})
     ramp = session_ramp_samples(records)
     values = np.full((len(channels), len(positions), len(axis)), np.nan + 1j * np.nan, dtype=np.complex128)
+    noise = np.full(values.shape[:2], np.nan)
     for record in records:
         profiles = compress(
             cut_sweeps(record.samples, record.sync, count=record.sweeps, ramp_samples=ramp),
@@ -101,7 +110,8 @@ def range_profiles(
             window=window,
             range_offset_m=0.0 if session.rig is None else session.rig.geometry.range_offset_m,
         )
-        values[channels.index(record.channel), positions.index(record.position)] = average(profiles)
+        place = channels.index(record.channel), positions.index(record.position)
+        values[place], noise[place] = average(profiles), noise_of_average(profiles)
     result = RangeProfiles(
         values=values.astype(np.complex64),
         range_m=axis,
@@ -111,6 +121,7 @@ def range_profiles(
         bandwidth_hz=waveform.bandwidth_hz,
         window=window,
         range_compensated=range_compensated,
+        noise=noise,
     )
     if coupling != "none":
         values = _without_coupling(values, result, coupling, reference, str(session.path))
@@ -226,4 +237,10 @@ def _without_coupling(
     empty = np.nanmean(np.asarray(reference.values, dtype=np.complex128)[order], axis=1, keepdims=True)
     if reference.range_compensated:
         empty = np.divide(empty, reference.range_m**2, out=np.zeros_like(empty), where=reference.range_m > 0)
-    return np.asarray(remove_coupling(values, above_noise(empty)), dtype=np.complex128)
+    if reference.noise is not None:
+        known = np.isfinite(reference.noise[order])
+        total = np.sum(reference.noise[order], axis=1, where=known, initial=0.0)
+        # Of the mean over positions; unknown (NaN) where no position tells it.
+        with np.errstate(invalid="ignore"):
+            empty = above_noise(empty, (total / known.sum(axis=1) ** 2)[:, None])
+    return np.asarray(remove_coupling(values, empty), dtype=np.complex128)

@@ -33,6 +33,9 @@ class RangeProfiles:
     """Window over the ramp, which sets the envelope's width and side lobes."""
     range_compensated: bool = False
     """Whether amplitudes were multiplied by R^2 (so that they do not fall with range)."""
+    noise: NDArray[np.float64] | None = None
+    """(channels, positions) noise power of one bin before range compensation, from the scatter of the sweeps averaged;
+    NaN where there was one sweep only. None where nothing is known of it."""
 
     @property
     def range_step_m(self) -> float:

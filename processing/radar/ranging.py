@@ -247,23 +247,44 @@ def remove_coupling(
     return result
 
 
-def above_noise(reference: NDArray[np.complexfloating]) -> NDArray[np.complex128]:
-    """What of a reference profile stands above its own noise; the rest shrinks to zero.
-
-    A reference is subtracted at every position, so its noise would add up coherently along the aperture, to a bright
-    streak abreast of the rail. Power P becomes ``P (1 - 4 N / P)^2``, zero below 4 N; the noise N is the median power
-    over the bins over ln 2 (complex Gaussian noise; the coupling fills a few bins). Noise alone exceeds 4 N in 2 % of
-    the bins and is then weakened.
+def noise_of_average(profiles: NDArray[np.complexfloating]) -> float:
+    """Noise power of one bin of the average of several sweeps' profiles, from how much the sweeps differ.
 
     Args:
-        reference: (..., bins) not range-compensated, so that its noise is white.
+        profiles: (sweeps, bins) not range-compensated, so that the noise is white.
+
+    Returns:
+        The typical bin's ``sum |p - mean|^2 / (n (n - 1))``: their median, which what changes from sweep to sweep in a
+        few bins does not move, over that of a gamma distribution (Wilson and Hilferty 1931). NaN for one sweep.
+    """
+    count = len(profiles)
+    if count < 2:
+        return float("nan")
+    values = np.asarray(profiles, dtype=np.complex128)
+    # Both averages do not depend on the order of the sweeps, so neither does this.
+    scatter = average(np.abs(values) ** 2).real - np.abs(average(values)) ** 2
+    degrees = count - 1
+    median_over_mean = (1 - 1 / (9 * degrees)) ** 3
+    return float(max(np.median(scatter) / degrees / median_over_mean, 0.0))
+
+
+def above_noise(reference: NDArray[np.complexfloating], noise: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """What of a reference profile stands above its own noise; the rest is dropped.
+
+    A reference is subtracted at every position, so its noise would add up coherently along the aperture, to a bright
+    streak abreast of the rail. With noise power N, amplitudes are kept where their power is above 10 N and dropped
+    below 4 N, with a straight line in power between (firm threshold, Gao and Bruce 1997). Complex Gaussian noise alone
+    exceeds 4 N in 2 % of the bins, 10 N in 5 of 100,000.
+
+    Args:
+        reference: (..., bins) not range-compensated.
+        noise: (...) noise power of one bin; where it is NaN (unknown) everything is kept.
     """
     values = np.asarray(reference, dtype=np.complex128)
-    power = np.abs(values) ** 2
-    noise = np.nanmedian(power, axis=-1, keepdims=True) / np.log(2)
+    level = np.asarray(noise, dtype=np.float64)[..., None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        kept = np.clip(1 - 4 * noise / power, 0.0, 1.0)
-    return np.where(power > 0, values * kept, values)
+        share = np.clip((np.abs(values) ** 2 / level - 4) / 6, 0.0, 1.0)
+    return np.asarray(values * np.where(level > 0, share, 1.0))
 
 
 def _path(
