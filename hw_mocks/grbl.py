@@ -24,7 +24,7 @@ from typing import Literal
 
 from hw_mocks.faults import FaultKind, FaultScript
 from hw_mocks.grbl_gcode import Motion, Parser
-from hw_mocks.grbl_motion import Profile, braking, travel
+from hw_mocks.stepper_motion import Profile, braking, travel
 from hw_mocks.wire import Kind, Wire, seconds_until, serve
 from hw_mocks.world import World
 

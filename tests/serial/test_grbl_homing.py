@@ -16,7 +16,7 @@ from drivers.errors import DeviceLost, DeviceRefused, DeviceTimeout
 from hw_mocks.faults import FaultKind
 from hw_mocks.grbl import Grbl
 from hw_mocks.grbl_gcode import Motion, Parser
-from hw_mocks.grbl_motion import braking, travel
+from hw_mocks.stepper_motion import braking, travel
 from hw_mocks.wire import Kind, serve
 from hw_mocks.world import World
 
