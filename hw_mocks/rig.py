@@ -27,6 +27,8 @@ Audio = Literal["auto", "pulse", "tcp"]
 ACTUATION_S = 0.015
 SETTLE_S = 0.03
 """Twice the simulated switches' actuation."""
+ACCELERATION_M_S2 = 10.0
+"""A light trolley on a toothed belt."""
 PULSE_LATENCY_S = 0.02
 PULSE_GUARD_S = 0.03
 """Frames leave the simulator in blocks of 10 ms: the frame count's estimate of their instant is up to 11 ms late."""
@@ -89,7 +91,13 @@ class SimulatedRig:
         self.switches = self._wire("switches", start_switch_box(world, actuation_s=ACTUATION_S, kind=serial))
         self.trolley = self._wire(
             "trolley",
-            start_grbl(world, length_m=file.rail.length_m, feed_limit_m_s=file.rail.speed_m_s, kind=serial),
+            start_grbl(
+                world,
+                length_m=file.rail.length_m,
+                feed_limit_m_s=file.rail.speed_m_s,
+                acceleration_m_s2=ACCELERATION_M_S2,
+                kind=serial,
+            ),
         )
         self.polarizer = self._wire("polarizer", start_rotator(world, kind=serial))
         self.link = self._closing.enter_context(WorldServer(world))
@@ -211,7 +219,11 @@ class SimulatedRig:
             _table("radar", {"driver": radar_driver, **rate}),
             _table("radar.options", {**radar_options, **rate}),
             _table("switches", {"driver": "dowkey_ms", "settle_s": SETTLE_S}),
-            _table("switches.options", {"port": self.switches.url, "settle_s": SETTLE_S}),
+            # Simulated cycles are nothing that the user's own counters should know of.
+            _table(
+                "switches.options",
+                {"port": self.switches.url, "settle_s": SETTLE_S, "cycles_folder": str(self._directory.resolve())},
+            ),
             _table("trolley", {"driver": "grbl", "length_m": file.rail.length_m, "speed_m_s": file.rail.speed_m_s}),
             _table(
                 "trolley.options",
