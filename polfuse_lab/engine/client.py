@@ -131,7 +131,7 @@ class EngineClient:
         if newest is None and self._lost() and not self._socket.poll(300):
             # Its last word would have arrived by now.
             raise PolfuseError(
-                "the engine's process ended unexpectedly",
+                f"the engine's process ended unexpectedly ({self._last_words()})",
                 where="engine",
                 advice="the writer closes the session by itself: look at it with 'polfuse info'",
             )
