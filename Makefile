@@ -58,7 +58,7 @@ unit: $(BIN)/.ready
 	$(BIN)/pytest
 
 constraints:
-	uv pip compile pyproject.toml --extra camera --extra test --extra build --universal --python-version 3.11 \
+	uv pip compile pyproject.toml --extra camera --extra zaber --extra test --extra build --universal --python-version 3.11 \
 	  --generate-hashes --no-emit-index-url --no-annotate --no-header -o constraints.txt
 
 clean:
