@@ -147,7 +147,8 @@ class Player:
         if status.state is RunState.PAUSED and self._control.pausing:
             if self._tape.played_out and not self._tape.finished:
                 self._control.abort(self._session.reason)  # it ended in this pause
-            self._control.resume()
+            else:
+                self._control.resume()
         elif isinstance(incident, Pause):
             begins = status.state is RunState.PREPARING and incident.step == 0
             if begins or (status.state is RunState.RUNNING and status.step == incident.step - 1):
