@@ -1,4 +1,4 @@
-"""From a driver's name in a rig file to the driver. Names are Python entry points, so that other packages can add theirs.
+"""From a driver's name in a rig file to the driver: names are entry points, so that other packages can add theirs.
 
 A driver class has a nested frozen dataclass ``Options`` (its table in the rig file) and is constructed with one such
 object; hand-operated drivers also take ``operator``.

@@ -23,7 +23,7 @@ def warm_up() -> None:
     antenna_m[:, 0] = (np.arange(16) - 7.5) * 0.05
     profiles = RangeProfiles(
         values=np.ones((4, 16, 96), dtype=np.complex64),
-        range_m=np.arange(96) * 0.25,
+        range_m=np.linspace(0.0, 23.75, 96),
         antenna_m=antenna_m,
         channels=("HH", "HV", "VH", "VV"),
         centre_hz=2.4e9,
