@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+import tracemalloc
 
 import fake_devices
 import h5py
@@ -333,6 +334,22 @@ def test_watching_writes_nothing_and_can_be_paused(bench):
     live.close()
     player.close()
     assert sorted(path.name for path in bench.folder.iterdir()) == before
+
+
+def test_a_replay_holds_one_record_at_a_time(bench):
+    """16 MB of audio in records of 1.2 MB: two at most are in memory (one read, one on its way out)."""
+    bench.write(aperture=3.0, sweeps=150, radar={"speed": 1000.0})
+    assert bench.run().state == "finished"
+    with open_session(bench.session) as session:
+        record = session.audio(0).nbytes
+        assert session.sweeps["samples"].sum() * 4 > 12 * record
+    with Player(bench.session) as player:
+        tracemalloc.start()
+        assert player.run().state == "finished"
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+    # Besides the two, the level of the last tenth of a second in floating point, and tables.
+    assert peak < 2 * record + 1_500_000
 
 
 def test_plan_that_asks_for_something_else_is_told(bench):
