@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -264,7 +265,9 @@ def driver_options(rig: Rig, kind: str, path: Path | str = "rig") -> Any:
         names = ", ".join(registry.available(kind))
         raise FileMistake(path, [f"{place}{kind}.driver: found {section.driver!r}, allowed: {names}"]) from None
     shared = {
-        name: getattr(section, name) for name in options.__dataclass_fields__ if name in type(section).model_fields
+        field.name: getattr(section, field.name)
+        for field in dataclasses.fields(options)
+        if field.name in type(section).model_fields
     }
     if contradictions := [name for name in shared if not _same(section.options.get(name, shared[name]), shared[name])]:
         mistakes = []
@@ -280,7 +283,7 @@ def driver_options(rig: Rig, kind: str, path: Path | str = "rig") -> Any:
         return TypeAdapter(options).validate_python({**shared, **section.options})
     except ValidationError as error:
         mistakes = []
-        fields = ", ".join(options.__dataclass_fields__)
+        fields = ", ".join(field.name for field in dataclasses.fields(options))
         for item in error.errors():
             location = (kind, "options", *item["loc"])
             line = line_of(text, location)
