@@ -1,4 +1,4 @@
-"""A whole simulated rig: serial devices and sound card at the wire, the camera in process, all looking at one scene."""
+"""A whole simulated rig: serial devices and sound card at the wire, the camera there or in process; one scene."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Literal
 
 from hw_mocks.faults import Fault, FaultKind, FaultScript
+from hw_mocks.gige_camera import GigeCamera
 from hw_mocks.grbl import start_grbl
 from hw_mocks.line_faults import LINE_FAULTS
+from hw_mocks.rig_camera import start_gige_camera
 from hw_mocks.rotator import start_rotator
 from hw_mocks.scene_file import SceneFile, load_scene_file
 from hw_mocks.sound_card import PulseSource, Sink, SoundCard, StreamServer, Synthesizer, available_paths
@@ -23,6 +25,7 @@ from hw_mocks.world_link import WorldServer
 from polfuse_lab.errors import PolfuseError
 
 Audio = Literal["auto", "pulse", "tcp"]
+Camera = Literal["scene", "gige"]
 
 ACTUATION_S = 0.015
 SETTLE_S = 0.03
@@ -52,9 +55,12 @@ class SimulatedRig:
         audio: ``"pulse"`` (PortAudio over a private PulseAudio server), ``"tcp"`` (loopback, needs nothing installed),
             or ``"auto"`` for the best that this machine has. The stream over TCP is always there as well.
         serial: ``"pty"`` or ``"tcp"`` for the serial devices; the best that this machine has if left out.
+        camera: ``"scene"`` (a driver that renders the scene by itself; works everywhere) or ``"gige"`` (a GigE Vision
+            camera on a loopback address, which the rig file reaches through the project's GenTL producer). The scene's
+            extinction ratio, noise and seed hold for either.
 
     Raises:
-        PolfuseError: the scene file is wrong, or the audio path asked for is not installed.
+        PolfuseError: the scene file is wrong, the audio path asked for is not installed, or the camera cannot start.
     """
 
     def __init__(
@@ -65,6 +71,7 @@ class SimulatedRig:
         seed: int | None = None,
         audio: Audio = "auto",
         serial: Kind | None = None,
+        camera: Camera = "scene",
     ) -> None:
         self.file: SceneFile = load_scene_file(scene_path)
         self.seed = self.file.seed if seed is None else seed
@@ -79,12 +86,12 @@ class SimulatedRig:
             shutil.copyfile(scene_path, self._scene_copy)
         self._closing = contextlib.ExitStack()
         try:
-            self._start(audio, serial)
+            self._start(audio, serial, camera)
         except BaseException:
             self.close()
             raise
 
-    def _start(self, audio: Audio, serial: Kind | None) -> None:
+    def _start(self, audio: Audio, serial: Kind | None, camera: Camera) -> None:
         world, file = self.world, self.file
         self._pulse = self._open_pulse(audio)
         self._wires: dict[str, Wire] = {}
@@ -101,6 +108,9 @@ class SimulatedRig:
         )
         self.polarizer = self._wire("polarizer", start_rotator(world, kind=serial))
         self.link = self._closing.enter_context(WorldServer(world))
+        self.camera: GigeCamera | None = None
+        if camera == "gige":
+            self.camera = self._closing.enter_context(start_gige_camera(file, world, self.seed))
         self.stream = StreamServer(file.audio.sample_rate_hz)
         sinks: list[Sink] = [self.stream] if self._pulse is None else [self.stream, self._pulse]
         synthesizer = Synthesizer(file.scene(), file.waveform, file.geometry, file.audio, world, self.seed)
@@ -162,11 +172,16 @@ class SimulatedRig:
         self._closing.close()
 
     def check(self) -> None:
-        """Raise what ended the sound card by itself, if anything did.
+        """Raise what ended the sound card or the camera by itself, if anything did.
 
         Raises:
-            PolfuseError: the simulated sound card failed.
+            PolfuseError: the simulated sound card or camera failed.
         """
+        if self.camera is not None:
+            try:
+                self.camera.check()
+            except RuntimeError as error:
+                raise PolfuseError(str(error), where="simulated rig", advice="check the scene file") from error
         failure = self.sound_card.failure
         if failure is not None:
             raise PolfuseError(
@@ -182,6 +197,7 @@ class SimulatedRig:
     def endpoints(self) -> dict[str, str]:
         """Where each device is reached: serial addresses, the sound card's name, the loopback services."""
         radar = self.stream.url if self._pulse is None else f"portaudio:{self._pulse.device}"
+        camera = {} if self.camera is None else {"camera": f"gige://{self.camera.address}:{self.camera.port}"}
         return {
             "switches": self.switches.url,
             "trolley": self.trolley.url,
@@ -189,6 +205,7 @@ class SimulatedRig:
             "radar": radar,
             "audio_stream": self.stream.url,
             "world": self.link.url,
+            **camera,
         }
 
     def write_rig(self, path: Path | str | None = None) -> Path:
@@ -233,13 +250,13 @@ class SimulatedRig:
         if file.camera is not None:
             camera = file.camera.model_dump()
             extinction = {"extinction_ratio": camera.pop("extinction_ratio")}
-            source = {"scene_file": str(self._scene_copy), "world_url": self.link.url, "seed": self.seed}
-            section = {"driver": "scene", "pixel_format": "Mono16", **camera}
+            driver, options = self._camera(camera, extinction)
+            section = {"driver": driver, "pixel_format": "Mono16", **camera}
             if file.camera.mosaic != "none":
                 section["mosaic_extinction_ratio"] = file.camera.extinction_ratio
             parts += [
                 _table("camera", section),
-                _table("camera.options", {**source, **camera, **extinction}),
+                _table("camera.options", options),
             ]
         if file.camera is not None and file.camera.mosaic == "none":
             parts += [
@@ -247,6 +264,13 @@ class SimulatedRig:
                 _table("polarizer.options", {"port": self.polarizer.url}),
             ]
         return "\n".join(parts)
+
+    def _camera(self, camera: dict[str, object], extinction: dict[str, object]) -> tuple[str, dict[str, object]]:
+        if self.camera is not None:
+            # The rest is in the section already. Asked by its address alone: nothing may leave this machine.
+            return "harvesters", {"cti": "aravis", "addresses": [self.camera.address]}
+        source = {"scene_file": str(self._scene_copy), "world_url": self.link.url, "seed": self.seed}
+        return "scene", {**source, **camera, **extinction}
 
     def _radar(self) -> tuple[str, dict[str, object]]:
         if self._pulse is None:

@@ -31,6 +31,9 @@ class GenicamOptions:
     simulated camera of the genicam package."""
     device: str = ""
     """Part of the camera's serial number, model or name; empty for the first one found."""
+    addresses: tuple[str, ...] = ()
+    """IPv4 addresses of GigE Vision cameras: these alone are asked, one by one, and nothing is broadcast. For the
+    project's own producer; empty looks for cameras on every network."""
     pixel_format: str = ""
     """"Mono8" to "Mono16", packed ones too, or the same as "Polarized..."; empty for the one with the most bits."""
     exposure_s: Annotated[float, Gt(0)] = 0.002

@@ -17,7 +17,7 @@ from drivers.camera.features import Features
 from drivers.camera.genicam_frames import chunks_of, image_of, timestamp_s
 from drivers.camera.genicam_setup import GenicamOptions, Setup, exposure_of, set_up
 from drivers.camera.pixel_formats import Counts
-from drivers.camera.producers import find_producer
+from drivers.camera.producers import ask_only, find_producer
 from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
 from drivers.options import checked
 from drivers.records import ClockFix, Frame, Identity
@@ -203,6 +203,7 @@ class HarvestersCamera:
         # Its loggers print tracebacks of errors that are raised as well.
         logging.getLogger("harvesters.core").setLevel(logging.CRITICAL)
         cti = find_producer(self._options.cti, self._where)
+        ask_only(self._options.addresses, cti, self._where)
         harvester = self._harvester = Harvester()
         harvester.add_file(str(cti), check_existence=True, check_validity=True)
         # Once, here: update() destroys acquirers that are alive.

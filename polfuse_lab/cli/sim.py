@@ -21,6 +21,10 @@ def sim(
         Literal["auto", "pulse", "tcp"],
         typer.Option(help="How the sound card is reached; auto takes the best there is."),
     ] = "auto",
+    camera: Annotated[
+        Literal["scene", "gige"],
+        typer.Option(help="How the camera is reached: by itself, or as a GigE Vision camera on loopback (Linux)."),
+    ] = "scene",
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -34,7 +38,8 @@ def sim(
 ) -> None:
     """Start a simulated rig, write the rig file that reaches it, and run until Ctrl-C.
 
-    Switches, trolley and polarizer are serial devices, the radar is a sound card, the camera looks at the same scene.
+    Switches, trolley and polarizer are serial devices, the radar is a sound card, the camera looks at the same scene;
+    with --camera gige it is on the network, and drivers reach it through the GenTL producer ('make gentl').
 
     Example: polfuse sim examples/scenes/field.toml --rig-out rig.toml
     """
@@ -42,6 +47,7 @@ def sim(
     import tempfile
     import threading
 
+    from drivers.camera.producers import ARAVIS, find_producer
     from hw_mocks.faults import parse_fault
     from hw_mocks.rig import SimulatedRig
 
@@ -49,12 +55,14 @@ def sim(
         faults = [parse_fault(text) for text in fault or ()]
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--fault") from None
+    if camera == "gige":
+        find_producer(ARAVIS, "simulated GigE camera")
     stop = threading.Event()
     previous = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         with (
             tempfile.TemporaryDirectory(prefix="polfuse-sim-") as directory,
-            SimulatedRig(scene, directory, seed=seed, audio=audio) as rig,
+            SimulatedRig(scene, directory, seed=seed, audio=audio, camera=camera) as rig,
         ):
             rig.arm(faults)
             rig.write_rig(rig_out)

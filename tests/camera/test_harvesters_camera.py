@@ -1,6 +1,7 @@
 """The harvesters driver on the simulated camera that the genicam package brings along."""
 
 import math
+import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -126,3 +127,22 @@ def test_the_bundled_producer_is_found_where_genicam_is() -> None:
     import genicam
 
     assert (Path(genicam.__file__).parent / "viky.cti").is_file()
+
+
+def test_only_the_addresses_given_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    from drivers.camera.producers import ask_only
+
+    monkeypatch.setenv("POLFUSE_GENTL_INTERFACE", "eth7")
+    monkeypatch.setenv("POLFUSE_GENTL_CAMERAS", "192.0.2.1")
+    own = Path("polfuse-aravis.cti")
+    ask_only((), own, "camera")
+    assert os.environ["POLFUSE_GENTL_CAMERAS"] == "192.0.2.1", "without addresses nothing changes"
+    ask_only(("127.0.0.1", "192.0.2.20"), own, "camera")
+    assert os.environ["POLFUSE_GENTL_CAMERAS"] == "127.0.0.1,192.0.2.20"
+    # An interface would be asked by broadcast.
+    assert "POLFUSE_GENTL_INTERFACE" not in os.environ
+    for wrong in ("255.255.255.255", "0.0.0.0", "224.0.0.1", "camera.local", "127.0.0.1,127.0.0.2", ""):
+        with pytest.raises(DeviceRefused, match="addresses"):
+            ask_only((wrong,), own, "camera")
+    with pytest.raises(DeviceRefused, match="cannot be told"):
+        HarvestersCamera(Options(addresses=("127.0.0.1",))).open()
