@@ -116,6 +116,27 @@ CASES: tuple[Case, ...] = (
         amount=0.02,
         note="a stepper without an encoder: seen at the limit switch (ALARM:1), by homing, or by autofocus",
     ),
+    Case("trolley: encoder", K.SILENCE, After.BY_ITSELF, _SILENT),
+    Case("trolley: encoder", K.GARBAGE, After.BY_ITSELF, (DeviceBadAnswer, DeviceTimeout)),
+    Case("trolley: encoder", K.PARTIAL_LINE, After.BY_ITSELF, (DeviceBadAnswer, DeviceTimeout)),
+    Case("trolley: encoder", K.SLOW, After.GOES_ON, amount=0.1, label="lines 0.1 s late"),
+    Case("trolley: encoder", K.DROP_PACKETS, After.GOES_ON, amount=0.3, label="30 % of the lines lost"),
+    Case("trolley: encoder", K.DISCONNECT, After.REOPENED, _LOST),
+    Case("trolley: encoder", K.CLOCK_JUMP, After.REOPENED, _LOST, amount=-0.5, label="its clock jumps back by 0.5 s"),
+    Case(
+        "trolley: encoder",
+        K.STALL,
+        After.UNNOTICED,
+        note="a wheel that does not turn looks like a trolley that is not pushed",
+    ),
+    Case(
+        "trolley: encoder",
+        K.LOST_STEPS,
+        After.UNNOTICED,
+        amount=0.02,
+        label="its wheel slips",
+        note="corrected at the index mark, where there is one",
+    ),
     *_serial("polarizer: ELL14", slow_by_itself=False),
     Case("polarizer: ELL14", K.LOST_STEPS, After.BY_ITSELF, _NO, amount=0.1, note="its encoder knows; three tries"),
     Case("polarizer: ELL14", K.STALL, After.BY_ITSELF, _NO, note="the mount says so after 1 s (GS02)"),
@@ -195,7 +216,8 @@ def _watch(trial: Trial, stand: Stand, began: float) -> None:
                 trial.problems.append(f"untruthful: {error}")
             return
         except Hung as error:
-            trial.problems.append(f"hung: {error}")
+            if trial.case.after is not After.UNNOTICED:
+                trial.problems.append(f"hung: {error}")
             return
 
 
@@ -225,18 +247,22 @@ def _recover(trial: Trial, stand: Stand) -> None:
     if case.after is After.REOPENED:
         stand.driver.close()
         _reopen(stand)
-    # The first round may still meet what the fault has left on the line.
-    for last in (False, False, True):
+    # The first rounds may still meet what the fault has left on the line.
+    end = time.monotonic() + trial.limit_s
+    while True:
         try:
             stand.round()
             trial.after = case.after.value
             return
         except (DeviceError, Noticed, Untruthful, Hung) as error:
-            if last:
+            if time.monotonic() > end:
                 trial.problems.append(f"does not work afterwards: {error}")
+                return
+            time.sleep(0.05)
 
 
 def _reopen(stand: Stand) -> None:
+    stand.reset()
     end = time.monotonic() + 5
     while True:
         try:

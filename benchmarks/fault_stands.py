@@ -19,7 +19,9 @@ from drivers.records import Channel
 from drivers.switches.dowkey_ms import DowKeyMs
 from drivers.switches.minicircuits_rc import MiniCircuitsRc
 from drivers.switches.numato_relay import NumatoRelay
+from drivers.trolley.encoder import EncoderTrolley
 from drivers.trolley.grbl import GrblTrolley
+from hw_mocks.encoder import start_encoder
 from hw_mocks.faults import FaultKind, FaultScript
 from hw_mocks.grbl import start_grbl
 from hw_mocks.minicircuits import host_and_port, start_rc_box
@@ -87,6 +89,9 @@ class Stand(Protocol):
     def end(self, kind: FaultKind) -> None:
         """End it."""
 
+    def reset(self) -> None:
+        """What a person does before the driver is opened again."""
+
     def close(self) -> None:
         """Release everything."""
 
@@ -121,6 +126,9 @@ class _SerialStand:
         self._wire.faults.stop(kind)
         self._wire.wake()
         time.sleep(0.1 + self._late_s)
+
+    def reset(self) -> None:
+        """Nothing to do."""
 
     def close(self) -> None:
         """Close the driver, then its device."""
@@ -191,6 +199,53 @@ class TrolleyStand(_SerialStand):
             true_m = self._world.trolley_x_m.at()
             if abs(true_m - fix.x_m) > 4 * fix.sd_m:
                 raise Untruthful(f"says x = {fix.x_m:.4f} m, is {true_m:.4f} m")
+
+
+class _Hand:
+    """A person who does what is asked, and confirms nothing."""
+
+    def ask(self, prompt: str) -> int:
+        """Nothing to show."""
+        return 1
+
+    def answered(self, ticket: int) -> bool:
+        """Never: the encoder itself tells."""
+        return False
+
+    def withdraw(self, ticket: int) -> None:
+        """Nothing to take back."""
+
+
+class EncoderStand(_SerialStand):
+    """Hand-pushed with an encoder: 0.1 m there and back; the stated position is compared with the true one."""
+
+    def __init__(self, folder: Path, timeout_s: float = 1.0) -> None:
+        world = World()
+        self._track = world.trolley_x_m
+        wire = start_encoder(world)
+        options = EncoderTrolley.Options(
+            port=wire.url, length_m=1.0, counts_per_m=10_000.0, start_x_m=0.0, rest_s=0.1, silence_s=timeout_s
+        )
+        super().__init__("trolley: encoder", wire, EncoderTrolley(options, _Hand()), timeout_s)
+
+    def round(self) -> None:
+        """There and back, at 0.5 m/s. A trolley that does not seem to arrive within a second is no error by itself."""
+        for x_m in (0.1, 0.0):
+            self.driver.start_move(x_m)
+            now_ns = time.monotonic_ns()
+            start_m = self._track.at(now_ns)
+            self._track.move(start_m, x_m, now_ns, now_ns + round(abs(x_m - start_m) / 0.5 * 1e9) + 1)
+            for _ in within(2.0):
+                fix = self.driver.poll()
+                if not fix.moving:
+                    break
+            true_m = self._track.at()
+            if abs(true_m - fix.x_m) > max(4 * fix.sd_m, 0.005):
+                raise Untruthful(f"says x = {fix.x_m:.4f} m, is {true_m:.4f} m")
+
+    def reset(self) -> None:
+        """The trolley is pushed to where it stands when the driver is opened."""
+        self._track.hold(0.0)
 
 
 class PolarizerStand(_SerialStand):
@@ -282,6 +337,9 @@ class RadarStand:
         self._faults.stop(kind)
         time.sleep(0.1)
 
+    def reset(self) -> None:
+        """Nothing to do."""
+
     def close(self) -> None:
         """Close the driver, then the sound card."""
         self.driver.close()
@@ -321,6 +379,9 @@ class CameraStand:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.driver.pid, signal.SIGCONT)
 
+    def reset(self) -> None:
+        """Nothing to do."""
+
     def close(self) -> None:
         """Close the driver and the simulated world."""
         self.driver.close()
@@ -337,6 +398,7 @@ STANDS: dict[str, Callable[..., Stand]] = {
     "switches: Numato relays": numato_stand,
     "switches: Mini-Circuits RC": rc_stand,
     "trolley: GRBL": TrolleyStand,
+    "trolley: encoder": EncoderStand,
     "polarizer: ELL14": PolarizerStand,
     "radar: loopback": RadarStand,
     "radar: PortAudio": portaudio_stand,

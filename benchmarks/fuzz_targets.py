@@ -29,6 +29,8 @@ from drivers.switches.dowkey_ms import DowKeyMs
 from drivers.switches.minicircuits_rc import MiniCircuitsRc
 from drivers.switches.numato_relay import NumatoRelay
 from drivers.transport import SerialLine
+from drivers.trolley.encoder_protocol import EncoderLine, format_line, parse_line
+from drivers.trolley.encoder_track import EncoderTrack, Jump, Scale
 from drivers.trolley.grbl import GrblTrolley
 from drivers.trolley.grbl_protocol import explain, parse_report, parse_setting
 from hw_mocks.faults import parse_fault
@@ -75,6 +77,10 @@ _GVCP = (
     "42010086 00100005 000000e8 7261696c 00000000 00000000",
     "42000040 000c0006 00000007 00000003 00000005",
 )
+_ENCODER = tuple(
+    format_line(EncoderLine(number, 10_000 * number, 40 * number, 7 if number > 2 else None)).encode()
+    for number in range(6)
+)
 _HTTP = tuple(
     b"HTTP/1.0 200 OK\r\nContent-Type: text/plain\r\nContent-Length: %d\r\n\r\n%s" % (len(body), body)
     for body in (b"0", b"3", b"SWPORT=5")
@@ -93,6 +99,25 @@ def _elliptec(data: bytes) -> None:
     elliptec.status(message)
     elliptec.position(message)
     elliptec.information(message)
+
+
+def _encoder() -> Callable[[bytes], None]:
+    """Lines of an encoder, and the track that they draw; it begins anew when it has refused one."""
+    scale = Scale(10_000.0, 0.002, 0.002, 0.5, 32, 5.0)
+    tracks = [EncoderTrack(scale, 0.0)]
+
+    def feed(data: bytes) -> None:
+        line = parse_line(data.decode("latin-1"))
+        if line is None:
+            return
+        try:
+            tracks[0].add(line, time.monotonic_ns())
+            tracks[0].position()
+        except Jump:
+            tracks[0] = EncoderTrack(scale, 0.0)
+            raise
+
+    return feed
 
 
 def _stream(data: bytes) -> None:
@@ -325,6 +350,7 @@ def targets() -> Iterator[dict[str, Target]]:
         made = (
             Target("GRBL status", _grbl, _GRBL, (DeviceError,)),
             Target("Elliptec messages", _elliptec, _ELL14, ()),
+            Target("encoder lines", _encoder(), _ENCODER, (Jump,)),
             *_conversations(folder),
             _line("fuzz://line"),
             _mini_circuits(box, folder),

@@ -268,7 +268,8 @@ class _TcpPlug:
         if self._server is not None:
             with contextlib.suppress(OSError):
                 newcomer, _ = self._server.accept()
-                if self._client is None:
+                if self._client is None or self._has_left():
+                    self._hang_up()
                     newcomer.setblocking(False)
                     newcomer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                     self._client = newcomer
@@ -284,6 +285,16 @@ class _TcpPlug:
                 pass
             except OSError:
                 self._hang_up()
+
+    def _has_left(self) -> bool:
+        """Whether the client hung up after its last words were read: the next one may be quicker than we are."""
+        assert self._client is not None
+        try:
+            return self._client.recv(1, socket.MSG_PEEK) == b""
+        except BlockingIOError:
+            return False
+        except OSError:
+            return True
 
     def _hang_up(self) -> None:
         if self._client is not None:

@@ -112,6 +112,10 @@ class HttpLink:
             response.begin()
             body = response.read(_LONGEST_ANSWER + 1)
             status = response.status
+            # A process that another thread starts just now holds a copy: closing alone would not hang up, and the box
+            # takes one connection at a time.
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
         if status != http.client.OK:
             raise self._bad(body, f"refused {question!r} with HTTP status {status}")
         answer = body.decode("ascii", "replace").strip()

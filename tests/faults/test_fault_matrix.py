@@ -71,6 +71,9 @@ class FakeStand:
     def end(self, kind: FaultKind) -> None:
         self.active = self.broken
 
+    def reset(self) -> None:
+        pass
+
     def close(self) -> None:
         pass
 

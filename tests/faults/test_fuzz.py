@@ -15,6 +15,7 @@ from benchmarks.fuzzing import LONGEST, TRACED_BYTES, Target, campaign, mutated
 NAMES = (
     "GRBL status",
     "Elliptec messages",
+    "encoder lines",
     "Dow-Key MS driver",
     "Numato relay driver",
     "GRBL driver",
