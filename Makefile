@@ -12,7 +12,7 @@ help:
 	@echo "make demo        a whole collect on a simulated rig, focused, calibrated, fused: $(DEMO_OUT)/report.html"
 	@echo "make demo-quick  the same with fewer positions (under 40 s)"
 	@echo "make test        lint, types, import rules and all tests"
-	@echo "make test-slow   whole demos and other tests that take over ten seconds each"
+	@echo "make test-slow   losses of many seconds, clock drift and the like"
 	@echo "make setup       only the environment"
 	@echo "make gentl       the GenTL producer for GigE Vision cameras, over Aravis: build/gentl/polfuse-aravis.cti"
 	@echo "make constraints pin the dependencies anew from pyproject.toml (needs uv)"
@@ -60,7 +60,7 @@ imports: $(BIN)/.ready
 unit: $(BIN)/.ready
 	$(BIN)/pytest -m "not slow" || $(BIN)/pytest -m "not slow" --last-failed --last-failed-no-failures none
 
-# Tests that take long: whole demos, clock drift, losses of many seconds.
+# Tests that take long: clock drift, losses of many seconds.
 test-slow: setup
 	$(BIN)/pytest -m slow
 

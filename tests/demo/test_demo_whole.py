@@ -17,7 +17,6 @@ from polfuse_lab.products.store import Products
 COMMAND = [sys.executable, "-c", "from polfuse_lab.cli import main; main()", "demo"]
 
 pytestmark = [
-    pytest.mark.slow,
     pytest.mark.timeout(400),
     pytest.mark.skipif(os.name != "posix", reason="sends POSIX signals"),
 ]
