@@ -165,12 +165,14 @@ class PlaybackTrolley(Playback):
         if self._tape.recovering:
             return self._from
         fix = trolley_fix(self._tape.session, self._tape.ask(self.kind))
-        if self._moving and not self._clock.reached(fix.t_host_ns):
+        # A fix taken under way belongs to a record, whose audio keeps the pace.
+        if self._moving and not fix.moving and not self._clock.reached(fix.t_host_ns):
             now = self._clock.now_ns()
             part = min(max((now - self._began_ns) / max(fix.t_host_ns - self._began_ns, 1), 0.0), 1.0)
             x_m = self._from.x_m + part * (fix.x_m - self._from.x_m)
             return TrolleyFix(x_m, fix.sd_m, True, now, "replay")
-        self._moving = False
+        self._tape.answered(self.kind)
+        self._moving = self._moving and fix.moving
         self._from = fix
         return fix
 
@@ -193,6 +195,7 @@ class PlaybackPolarizer(Playback):
         fix = polarizer_fix(self._tape.session, self._tape.ask(self.kind))
         if not self._clock.reached(fix.t_host_ns):
             return PolarizerFix(fix.angle_rad, fix.sd_rad, True, self._clock.now_ns())
+        self._tape.answered(self.kind)
         return fix
 
     def stop(self) -> None:

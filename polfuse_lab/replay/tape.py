@@ -31,8 +31,8 @@ TABLES = {
     "events": "events",
 }
 """Table of the session that holds the records of each track of the tape."""
-ASKED_IN_VAIN = 10_000
-"""A record that is looked at so often and never kept is not what the scheduler waits for."""
+ANSWERED_IN_VAIN = 200
+"""A record that is reported so often and never kept is not what the scheduler waits for."""
 TAIL_NS = 2_000_000_000
 """Tables of a session whose writer was stopped may end at different records within so long (it flushes each second)."""
 
@@ -78,7 +78,7 @@ class Tape:
         }
         self._times["looks"] = np.array([look.t_host_ns for look in self._looks], np.int64)
         self._next: Counter[str] = Counter()
-        self._asked: Counter[str] = Counter()
+        self._answers: Counter[str] = Counter()
         self._due: Loss | None = None
         self._lost: Loss | None = None
         self._lock = threading.RLock()
@@ -120,7 +120,7 @@ class Tape:
             Interrupted: a device was lost before; it is due.
             Aborted: the recording was aborted here.
             RecordingEnds: the recording failed here.
-            Diverged: the recording is whole and holds no more records, or never the one that is waited for.
+            Diverged: the recording is whole and holds no more records.
         """
         with self._lock:
             at = self.next_ns(track)
@@ -130,10 +130,14 @@ class Tape:
                 raise Interrupted("interrupted", where=track, advice="")
             if at is None:
                 raise self.end(track)
-            self._asked[track] += 1
-            if self._asked[track] > ASKED_IN_VAIN:
-                raise Diverged("waits for something else than was recorded", where=track, advice=_ADVICE)
             return self._next[track]
+
+    def answered(self, track: str) -> None:
+        """A device has reported its next record. Raises :class:`Diverged` when that is never what is waited for."""
+        with self._lock:
+            self._answers[track] += 1
+            if self._answers[track] > ANSWERED_IN_VAIN:
+                raise Diverged("waits for something else than was recorded", where=track, advice=_ADVICE)
 
     def end(self, track: str) -> Exception:
         """What a device says when it is asked beyond the end of the recording."""
@@ -200,7 +204,7 @@ class Tape:
     def _move_on(self, track: str) -> None:
         if self.left(track):
             self._next[track] += 1
-            self._asked[track] = 0
+            self._answers[track] = 0
 
     def _record(self, track: str, number: int) -> Record:
         if track == "radar":

@@ -370,6 +370,18 @@ def test_plan_that_asks_for_something_else_is_told(bench):
     )
 
 
+def test_a_move_that_never_ends_in_the_file_does_not_hang_the_replay(bench):
+    bench.write()
+    bench.run()
+    with h5py.File(bench.session, "r+") as file:
+        rows = file["trolley"][:]
+        rows["moving"] = True
+        file["trolley"][:] = rows
+    played = replay(bench.session, bench.folder / "copy.h5")
+    assert (played.identical, played.state) == (False, "failed")
+    assert "trolley: waits for something else than was recorded" in played.reason
+
+
 @pytest.mark.parametrize(("field", "value"), [("attempt", 3), ("position", 2), ("flags", 4), ("x_m", 0.25)])
 def test_recording_that_no_scheduler_makes_is_not_identical(bench, field, value):
     bench.write()
