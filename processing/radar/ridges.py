@@ -78,7 +78,7 @@ def _moves(speeds: NDArray[np.float64], count: int) -> NDArray[np.int64]:
 @numba.njit(cache=True)
 def _forward(
     score: NDArray[np.float64], moves: NDArray[np.int64]
-) -> tuple[NDArray[np.int8], float, tuple[int, int, int]]:  # pragma: no cover - compiled
+) -> tuple[NDArray[np.int8], float, tuple[int, int, int]]:
     count, bins = score.shape
     speeds = moves.shape[1]
     choice = np.empty((count, speeds, bins), dtype=np.int8)
