@@ -180,13 +180,14 @@ class SerialLine:
                 line = self._take_line()
                 if line:
                     return line
-                if line is None:
-                    self._check_length()
-                    if looked or not self._receive(deadline):
-                        return None
-                    looked = deadline is None
-                elif deadline is not None and time.monotonic() > deadline:
-                    return None  # blank lines without end
+                if line is not None:
+                    continue  # a blank one; the buffer may hold more
+                self._check_length()
+                # Bytes that come for ever, blank lines or none, must not outlast the deadline.
+                over = looked and (deadline is None or time.monotonic() > deadline)
+                if over or not self._receive(deadline):
+                    return None
+                looked = True
 
     def _take_line(self) -> str | None:
         ends = [end for end in (self._received.find(b"\n"), self._received.find(b"\r")) if end >= 0]

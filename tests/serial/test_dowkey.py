@@ -22,7 +22,7 @@ BOTH_AT_H = [(b":SWITCH1?\r\n", b"1\r\n"), (b":SWITCH2?\r\n", b"1\r\n")]
 
 
 def driver(url: str, **options: object) -> DowKeyMs:
-    return DowKeyMs(DowKeyMs.Options(port=url, **({"settle_s": 0.02, "timeout_s": 0.3} | options)))  # type: ignore[arg-type]
+    return DowKeyMs(DowKeyMs.Options(port=url, **({"settle_s": 0.02, "timeout_s": 1.0} | options)))  # type: ignore[arg-type]
 
 
 @both_kinds
@@ -125,7 +125,7 @@ def test_settles_before_it_verifies(kind: Kind) -> None:
 def test_a_jammed_switch_times_out_and_recovers() -> None:
     box = SwitchBox(World())
     with serve(box) as wire:
-        switches = driver(wire.url)
+        switches = driver(wire.url, timeout_s=0.3)
         switches.open()
         box.jam(2)
         with pytest.raises(DeviceTimeout, match=r"have not finished after 0.3 s.*sticks"):

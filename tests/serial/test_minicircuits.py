@@ -33,7 +33,7 @@ both = pytest.mark.parametrize("protocol", ["http", "telnet"])
 
 def driver(wire: Wire, protocol: Protocol, **options: object) -> MiniCircuitsRc:
     host, port = host_and_port(wire)
-    given = {"settle_s": 0.03, "stagger_s": 0.0, "timeout_s": 0.4} | options
+    given = {"settle_s": 0.03, "stagger_s": 0.0, "timeout_s": 1.0} | options
     return MiniCircuitsRc(MiniCircuitsRc.Options(host=host, port=port, connection=protocol, **given))  # type: ignore[arg-type]
 
 
@@ -173,7 +173,7 @@ def test_unplugged(protocol: Protocol) -> None:
 @both
 def test_silence_takes_no_longer_than_the_time_out(protocol: Protocol) -> None:
     with start_rc_box(World(), protocol=protocol) as wire:
-        switches = driver(wire, protocol)
+        switches = driver(wire, protocol, timeout_s=0.4)
         switches.open()
         wire.faults.start(FaultKind.SILENCE)
         started = time.monotonic()

@@ -21,7 +21,7 @@ LATCHING = {"transmit_h_relay": 2, "receive_h_relay": 3, "pulse_s": 0.03}
 
 
 def driver(url: str, **options: object) -> NumatoRelay:
-    given = {"settle_s": 0.03, "stagger_s": 0.0, "timeout_s": 0.3} | options
+    given = {"settle_s": 0.03, "stagger_s": 0.0, "timeout_s": 1.0} | options
     return NumatoRelay(NumatoRelay.Options(port=url, **given))  # type: ignore[arg-type]
 
 

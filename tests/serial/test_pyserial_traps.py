@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 import serial
-from serial_helpers import Silent, keep_trying, rfc2217_echo
+from serial_helpers import Silent, keep_trying, rfc2217_echo, wait_for
 
 from drivers.errors import DeviceLost, DeviceTimeout
 from drivers.transport import PORT_FAILURES, SerialLine
@@ -32,9 +32,12 @@ def line_to(url: str) -> SerialLine:
 @contextlib.contextmanager
 def orphan(kind: Kind) -> Iterator[tuple[Any, Wire]]:
     """A pyserial port whose peer has gone."""
-    with serve(Silent(), kind=kind) as wire:
+    device = Silent()
+    with serve(device, kind=kind) as wire:
         port = serial.serial_for_url(wire.url, timeout=0.1)
         leaked = getattr(port, "_socket", None)
+        port.write(b"a")
+        wait_for(lambda: device.heard == b"a", "the connection")
         wire.unplug()
         time.sleep(0.05)
         try:

@@ -11,14 +11,17 @@ from serial_helpers import PatientOperator
 
 from drivers.registry import available, driver_class
 
-SERIAL = [("switches", "dowkey_ms", {"port": "p"}), ("trolley", "grbl", {"port": "p", "length_m": 3.0}),
+SERIAL = [("switches", "dowkey_ms", {"port": "p"}), ("switches", "numato_relay", {"port": "p"}),
+          ("switches", "minicircuits_rc", {"host": "h"}), ("trolley", "grbl", {"port": "p", "length_m": 3.0}),
+          ("trolley", "zaber", {"port": "p", "length_m": 3.0, "microstep_m": 1e-6}),
+          ("trolley", "encoder", {"port": "p", "length_m": 3.0, "counts_per_m": 1e4}),
           ("trolley", "by_hand", {"length_m": 3.0}), ("polarizer", "ell14", {"port": "p"}),
           ("polarizer", "by_hand", {})]  # fmt: skip
 
 
 def make(kind: str, name: str, options: Any) -> Any:
     cls = driver_class(kind, name)
-    return cls(options, PatientOperator()) if name == "by_hand" else cls(options)
+    return cls(options, PatientOperator()) if name in ("by_hand", "encoder") else cls(options)
 
 
 @pytest.mark.parametrize(("kind", "name", "options"), SERIAL)
@@ -47,6 +50,12 @@ def test_every_driver_is_installed_with_documented_options(kind: str, name: str,
         ("polarizer", "ell14", {"port": "p", "offset_deg": float("nan")}),
         ("polarizer", "by_hand", {"sd_deg": 0.0}),
         ("switches", "dowkey_ms", {"port": "p", "settle_s": 1.0}),
+        ("switches", "dowkey_ms", {"port": "p", "first": "both"}),
+        ("switches", "dowkey_ms", {"port": "p", "h_position": 0}),
+        ("switches", "numato_relay", {"port": "p", "receive_v_relay": 32}),
+        ("switches", "minicircuits_rc", {"host": "h", "wear_limit_cycles": 0}),
+        ("trolley", "zaber", {"port": "p", "length_m": 3.0, "microstep_m": 0.0}),
+        ("trolley", "encoder", {"port": "p", "length_m": 3.0, "counts_per_m": 1e4, "counter_bits": 8}),
     ],
 )
 def test_wrong_values_are_refused_on_both_roads(kind: str, name: str, options: dict[str, Any]) -> None:

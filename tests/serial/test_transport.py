@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from serial_helpers import Script, Silent, Talker, both_kinds, keep_trying, rfc2217_echo, wait_for
 
@@ -28,7 +28,7 @@ needs_pty = pytest.mark.skipif(not HAS_PTY, reason="no pseudo-terminals here")
 
 
 def line_to(url: str, **options: Any) -> SerialLine:
-    line = SerialLine(url, baud=9600, name="thing", **({"timeout_s": 0.3} | options))
+    line = SerialLine(url, baud=9600, name="thing", **({"timeout_s": 1.0} | options))
     line.open()
     return line
 
@@ -313,6 +313,7 @@ def test_rfc2217() -> None:
         line.close()
 
 
+@example(chunks=[b"\r!\r"])  # a blank line before the deadline must not hide the line behind it
 @given(chunks=st.lists(st.binary(max_size=60), max_size=8))
 @settings(max_examples=200, deadline=None)
 def test_any_bytes_give_lines_or_device_errors(chunks: list[bytes]) -> None:
