@@ -5,6 +5,7 @@ Started by :class:`polfuse_lab.engine.client.EngineClient` with the engine's pri
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import signal
 import sys
@@ -59,6 +60,8 @@ def main(directory: Path) -> None:
 
 if __name__ == "__main__":
     private = Path(sys.argv[1])
+    # A crash in native code (sound, camera, HDF5) leaves its stack in the engine's log, which the client quotes.
+    faulthandler.enable()
     code = 1
     try:
         main(private)
