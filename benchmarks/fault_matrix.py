@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from benchmarks.fault_stands import Hung, Noticed, Stand, Untruthful
+from benchmarks.stand import Hung, Noticed, Stand, Untruthful
 from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
 from hw_mocks.faults import FaultKind as K
 
@@ -165,6 +165,26 @@ CASES: tuple[Case, ...] = (
     ),
     Case("camera: its process", K.DISCONNECT, After.REOPENED, _LOST, label="process killed"),
     Case("camera: its process", K.STALL, After.REOPENED, _LOST, label="process hangs"),
+    Case("camera: GigE Vision", K.SILENCE, After.REOPENED, (DeviceLost, DeviceTimeout)),
+    Case("camera: GigE Vision", K.GARBAGE, After.REOPENED, (Noticed, DeviceError)),
+    Case("camera: GigE Vision", K.PARTIAL_LINE, After.REOPENED, (Noticed, DeviceError), label="answers break off"),
+    Case("camera: GigE Vision", K.SLOW, After.GOES_ON, amount=0.05, label="answers 0.05 s late"),
+    Case("camera: GigE Vision", K.DISCONNECT, After.REOPENED, (DeviceLost, DeviceTimeout)),
+    Case("camera: GigE Vision", K.STALL, After.BY_ITSELF, _SILENT),
+    Case("camera: GigE Vision", K.DROP_FRAMES, After.BY_ITSELF, _SILENT, label="all frames lost"),
+    Case("camera: GigE Vision", K.DROP_PACKETS, After.GOES_ON, amount=0.02, label="2 % of the packets lost"),
+    Case(
+        "camera: GigE Vision",
+        K.DROP_PACKETS,
+        After.BY_ITSELF,
+        (Noticed, DeviceTimeout),
+        amount=1.0,
+        label="all packets lost",
+    ),
+    Case("camera: GigE Vision", K.WRONG_FORMAT, After.BY_ITSELF, _ANY),
+    Case("camera: GigE Vision", K.OVERFLOW, After.BY_ITSELF, (Noticed, DeviceTimeout)),
+    Case("camera: GigE Vision", K.CLOCK_JUMP, After.GOES_ON, amount=5.0, label="its clock jumps by 5 s"),
+    Case("camera: GigE Vision", K.HEAT_ALARM, After.BY_ITSELF, (DeviceTimeout, DeviceRefused)),
 )
 """Everything that is tried."""
 

@@ -18,9 +18,9 @@ import msgspec
 import numpy as np
 import serial
 
-from benchmarks.fault_stands import RIG
 from benchmarks.fuzzing import LONGEST, Target
 from benchmarks.serial_handlers.protocol_fuzz import Serial
+from benchmarks.stands_radar import RIG
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.polarizer import elliptec
 from drivers.polarizer.ell14 import Ell14

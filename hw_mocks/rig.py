@@ -41,6 +41,7 @@ DEVICE_FAULTS: Mapping[str, tuple[FaultKind, ...]] = {
     "trolley": (*LINE_FAULTS, FaultKind.LOST_STEPS, FaultKind.STALL),
     "polarizer": (*LINE_FAULTS, FaultKind.LOST_STEPS, FaultKind.STALL, FaultKind.HEAT_ALARM),
     "radar": CARD_FAULTS,
+    "camera": tuple(kind for kind in FaultKind if kind not in (FaultKind.STUCK_SWITCH, FaultKind.LOST_STEPS)),
 }
 """The faults that each simulated device can have."""
 
@@ -143,7 +144,8 @@ class SimulatedRig:
     @property
     def faults(self) -> dict[str, FaultScript]:
         """The fault scripts of the devices that have one; time runs from when a fault is added."""
-        return {name: wire.faults for name, wire in self._wires.items()} | {"radar": self._radar_faults}
+        camera = {} if self.camera is None else {"camera": self.camera.faults}
+        return {name: wire.faults for name, wire in self._wires.items()} | {"radar": self._radar_faults} | camera
 
     def arm(self, faults: Iterable[tuple[str, Fault]]) -> None:
         """Add faults to devices; their time runs from now.
@@ -158,6 +160,12 @@ class SimulatedRig:
                 what = f"cannot have the fault {fault.kind.value!r}" if allowed else "is no device with faults"
                 advice = f"choose one of: {', '.join(allowed or DEVICE_FAULTS)}"
                 raise PolfuseError(what, where=f"simulated {name}", advice=advice)
+            if name not in self.faults:
+                raise PolfuseError(
+                    "has no faults while it is simulated in process",
+                    where=f"simulated {name}",
+                    advice="put it on the wire: camera = 'gige'",
+                )
         for name, fault in faults:
             self.faults[name].add(fault)
 

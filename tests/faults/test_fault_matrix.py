@@ -8,8 +8,9 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.fault_matrix import CASES, After, Case, Trial, attempt, combinations, table
-from benchmarks.fault_stands import Hung, Untruthful, missing
+from benchmarks.fault_stands import missing
 from benchmarks.reliability_faults import PAGE, try_all
+from benchmarks.stand import Hung, Untruthful
 from drivers.errors import DeviceLost, DeviceTimeout
 from hw_mocks.faults import FaultKind
 
