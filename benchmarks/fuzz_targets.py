@@ -21,7 +21,7 @@ import serial
 from benchmarks.fuzzing import LONGEST, Target
 from benchmarks.serial_handlers.protocol_fuzz import Serial
 from benchmarks.stands_radar import RIG
-from drivers.errors import DeviceError, DeviceTimeout
+from drivers.errors import DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
 from drivers.polarizer import elliptec
 from drivers.polarizer.ell14 import Ell14
 from drivers.records import AudioBlock, Channel, TrolleyFix
@@ -176,8 +176,9 @@ class _Conversation:
         given, self._input = self._input, None
         return answer if given is None else given
 
-    def target(self, name: str, ask: Callable[[], object], more: tuple[bytes, ...]) -> Target:
+    def target(self, name: str, driver: Any, ask: Callable[[], object], more: tuple[bytes, ...]) -> Target:
         """Answer the first question of ``ask`` with the input; seeds are what the device says, and ``more``."""
+        _patiently(driver.open)
         self._said.clear()
         _patiently(ask)
         said = tuple(answer for answer in self._said if answer)
@@ -185,7 +186,14 @@ class _Conversation:
         def feed(data: bytes) -> None:
             self._said.clear()
             self._input = data
-            ask()
+            try:
+                ask()
+            except (DeviceLost, DeviceRefused):
+                # It refuses everything from now on, as it should; the next input is for a driver that does not.
+                driver.close()
+                self._input = None
+                _patiently(driver.open)
+                raise
 
         return Target(name, feed, (*said, *more), (DeviceError,), 3)
 
@@ -194,28 +202,25 @@ def _conversations(folder: Path) -> Iterator[Target]:
     world = World()
     dowkey = _Conversation("dowkey", SwitchBox(world))
     switches = DowKeyMs(DowKeyMs.Options(port=dowkey.url, timeout_s=_IN_MEMORY_S, cycles_folder=str(folder)))
-    _patiently(switches.open)
     more: tuple[bytes, ...] = (b"2\r\n", b"255\r\n", b"-3,SWITCH NUMBER OUT OF RANGE\r\n", b"1\r2\n")
-    yield dowkey.target("Dow-Key MS driver", switches.state, more)
+    yield dowkey.target("Dow-Key MS driver", switches, switches.state, more)
 
     numato = _Conversation("numato", RelayModule(world))
     relays = NumatoRelay(NumatoRelay.Options(port=numato.url, timeout_s=_IN_MEMORY_S, cycles_folder=str(folder)))
-    _patiently(relays.open)
-    yield numato.target("Numato relay driver", relays.state, (b"relay read 0\n\ron\n\r>", b">"))
+    yield numato.target("Numato relay driver", relays, relays.state, (b"relay read 0\n\ron\n\r>", b">"))
 
     grbl = _Conversation("grbl", Grbl(world, length_m=1.0))
     options = GrblTrolley.Options(port=grbl.url, length_m=1.0, timeout_s=_IN_MEMORY_S, poll_interval_s=1e-9)
     trolley = GrblTrolley(options)
-    _patiently(trolley.open)
-    more = (*(line + b"\r\n" for line in _GRBL), b"ok\r\n", b"\r\nGrbl 1.1h ['$' for help]\r\n")
-    yield grbl.target("GRBL driver", trolley.poll, more)
+    # Without alarms and restarts, after which the driver must be opened again: that takes a while.
+    more = (*(line + b"\r\n" for line in _GRBL if b"ALARM" not in line), b"ok\r\n", b"[MSG:Caution: Unlocked]\r\n")
+    yield grbl.target("GRBL driver", trolley, trolley.poll, more)
 
     mount = _Conversation("ell14", Rotator(world))
     polarizer = Ell14(Ell14.Options(port=mount.url, timeout_s=_IN_MEMORY_S, home_at_open=False))
-    _patiently(polarizer.open)
     # Without GS09 (busy), for which the driver waits 50 ms.
     more = tuple(message + b"\r\n" for message in _ELL14 if message != b"0GS09")
-    yield mount.target("ELL14 driver", polarizer.poll, more)
+    yield mount.target("ELL14 driver", polarizer, polarizer.poll, more)
 
 
 class _HttpBox:

@@ -5,6 +5,8 @@ Inputs that cost more than a line of text are fewer by their cost (files, and th
 
 from __future__ import annotations
 
+import sys
+
 from benchmarks.fuzz_targets import targets
 from benchmarks.fuzzing import GROWTH_BYTES, Outcome, Target, campaign
 from benchmarks.rows import Row
@@ -15,8 +17,12 @@ QUICK_INPUTS = 5_000
 
 def run(quick: bool) -> list[Row]:
     """Every target in turn."""
+    rows = []
     with targets() as made:
-        return [_row(target, campaign(target, inputs_for(target, quick=quick))) for target in made.values()]
+        for target in made.values():
+            rows.append(_row(target, campaign(target, inputs_for(target, quick=quick))))
+            print(f"{rows[-1].name}: {rows[-1].target}", file=sys.stderr, flush=True)
+    return rows
 
 
 def inputs_for(target: Target, *, quick: bool) -> int:
