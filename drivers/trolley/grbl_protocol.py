@@ -111,9 +111,9 @@ def parse_report(line: str, work_offset_mm: tuple[float, ...] | None, where: str
 
 def explain(line: str) -> str:
     """Words for ``error:N`` or ``ALARM:N``; anything else is returned as it is."""
-    kind, _, number = line.partition(":")
+    kind, _, number = (part.strip() for part in line.partition(":"))
     table = {"error": ERRORS, "alarm": ALARMS}.get(kind.lower())
-    if table is None or not number.strip().isdecimal():
+    if table is None or not number.isdecimal():
         return line
     return f"{line} ({table.get(int(number), 'a code that GRBL 1.1 does not list')})"
 
