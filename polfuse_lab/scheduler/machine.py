@@ -242,7 +242,7 @@ class Scheduler:
             raise error
         clocks, self._clocks = self._clocks, None  # no questions to a device that is away
         try:
-            self._enter(RunState.PAUSED, f"the {kind} is lost: {error}")
+            self._enter(RunState.PAUSED, f"{kind} lost: {error}")
             self._event("lost", f"{kind} in step {index + 1}: {error}")
             self._flush()
             self._event("back", self._recovery.bring_back(kind, error, self._actions.last_fix))

@@ -72,7 +72,7 @@ class Recovery:
         device = self._devices.by_kind[kind]
         self._losses[kind] += 1
         if self._losses[kind] > self._plan.max_reconnects:
-            raise _worse(error, f" (lost {self._losses[kind]} times)", f"see why the {kind} is lost so often")
+            raise _worse(error, f" (lost {self._losses[kind]} times)", "see why this happens so often")
         if kind != "trolley":
             self._stand_still()
         wait_s = self._plan.reconnect_wait_s
@@ -88,7 +88,7 @@ class Recovery:
             )
         if kind == "trolley":
             self._confirm_position(last, time.monotonic() + wait_s)
-        return f"the {kind} is back ({identity.name})"
+        return f"{kind}: {identity.name} is back"
 
     def _reopen(self, device: Device, error: DeviceError, end: float) -> Identity:
         """Open a device again and again until it answers or the time is over."""
