@@ -158,7 +158,7 @@ def test_incomplete_frame_is_kept_and_taken_again(bench):
     [
         ({"trolley": {"fault": "open"}}, "fake trolley: nobody answers; plug it in"),
         ({"radar": {"fault": "bug"}}, "apt install libportaudio2"),
-        ({"trolley": {"fault": "lost"}}, "fake trolley: unplugged (lost 6 times); see why the trolley is lost"),
+        ({"trolley": {"fault": "lost"}}, "fake trolley: unplugged (lost 6 times); see why this happens so often"),
         # 10 m in steps of 0.5 m: 2.0 .. 5.0 m are beyond, 7 on either side.
         ({"aperture": 10.0}, "14 positions are beyond the rail's -1.6 .. 1.6 m"),
     ],
