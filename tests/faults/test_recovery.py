@@ -59,9 +59,10 @@ def at_rest(status: RunStatus) -> bool:
 
 @pytest.mark.parametrize("kind", ["switches", "trolley", "radar"])
 def test_unplugged_and_put_back_the_collect_goes_on_from_its_checkpoint(bench: FaultBench, kind: str) -> None:
-    bench.write_plan(sweeps=5)
+    bench.write_plan(sweeps=10)
     run = Run(bench.scheduler())
     run.until(at_rest)
+    time.sleep(0.15)  # the record takes 0.4 s: trolley and switches have been asked, and will be again
     lost = time.monotonic()
     bench.simulated.faults[kind].start(FaultKind.DISCONNECT, for_s=1.0)
     status = run.until(lambda s: s.state == "paused")
