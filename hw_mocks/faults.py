@@ -213,6 +213,8 @@ def parse_fault(text: str) -> tuple[str, Fault]:
             raise ValueError(f"found {name.removesuffix('_s').removesuffix('_count')!r} twice in {text!r}")
         try:
             values[name] = int(number) if name.endswith("_count") else float(number)
-        except ValueError:
+            # A count that no float holds would overflow where it is compared with one.
+            float(values[name])
+        except (ValueError, OverflowError):
             raise ValueError(f"found {part!r} in {text!r}, allowed: a number ({_FORM})") from None
     return device, Fault(kind, **values)  # type: ignore[arg-type]

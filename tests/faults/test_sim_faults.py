@@ -115,3 +115,9 @@ def test_the_command_refuses_wrong_faults(tmp_path: Path, fault: str, status: in
     assert done.returncode == status
     assert "Traceback" not in done.stderr
     assert "silence" in done.stderr
+
+
+def test_a_count_beyond_every_float_is_a_bad_number() -> None:
+    # Found by fuzzing: 10^400 is an int that no float holds.
+    with pytest.raises(ValueError, match="allowed: a number"):
+        parse_fault(f"trolley:silence:after={10**400}")
