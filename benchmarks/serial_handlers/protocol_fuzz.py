@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, ClassVar
 
+BUFFER_BYTES = 65_536
+"""What an operating system keeps for a program that does not read; older bytes are lost."""
+
 
 class Serial:
     """The part of :class:`serial.Serial` that :class:`drivers.transport.SerialLine` uses."""
@@ -34,5 +37,5 @@ class Serial:
 
     def write(self, data: bytes) -> int:
         """Let the peer answer."""
-        self._received += self.peers[self.port.removeprefix("fuzz://")](data)
+        self._received = (self._received + self.peers[self.port.removeprefix("fuzz://")](data))[-BUFFER_BYTES:]
         return len(data)

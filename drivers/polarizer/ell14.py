@@ -134,6 +134,8 @@ class Ell14:
                         advice="look whether the mount turns, check its supply, then open it again",
                     )
             else:
+                # A late answer to an earlier question would be taken for the answer to this one, and so on for ever.
+                self._hear()
                 self._angle_rad = self._angle(self._ask_position())
             return PolarizerFix(self._angle_rad, math.radians(self._options.sd_deg), self._moving, time.monotonic_ns())
 
