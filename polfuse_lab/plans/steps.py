@@ -39,8 +39,48 @@ class RecordSweeps:
 
 
 @dataclass(frozen=True)
+class RecordSeconds:
+    """Record without a gap for ``seconds`` in the present channel at the present position (Doppler, long ranging)."""
+
+    seconds: float
+    position: int
+    channel: Channel
+
+
+@dataclass(frozen=True)
+class RecordPass:
+    """Record without a gap while the trolley runs from ``x_from_m`` to ``x_to_m``.
+
+    The run is cut into consecutive records of about ``block_s``, whose positions are numbered from ``first_position``.
+    The trolley stands at ``x_from_m`` already. With a speed of None a person pushes it, and the run ends when its
+    encoder has passed ``x_to_m``.
+    """
+
+    x_from_m: float
+    x_to_m: float
+    speed_m_s: float | None
+    first_position: int
+    channel: Channel
+    block_s: float
+
+
+@dataclass(frozen=True)
+class StartTurn:
+    """Begin to turn the polarizer and do not wait; a later :class:`TurnPolarizer` to the same angle waits for it."""
+
+    angle_rad: float
+
+
+@dataclass(frozen=True)
 class TurnPolarizer:
     """Turn the polarizer and wait until it stands."""
+
+    angle_rad: float
+
+
+@dataclass(frozen=True)
+class TurnSource:
+    """Turn the polarizer of the light source and wait until it stands (active mode, thesis 6.3)."""
 
     angle_rad: float
 
@@ -54,11 +94,16 @@ class AutoExpose:
 
 @dataclass(frozen=True)
 class Expose:
-    """Take ``frames`` frames at the present polarizer angle; ``dark`` marks frames taken with the lens covered."""
+    """Take ``frames`` frames at the present polarizer angle.
+
+    ``dark`` marks frames taken with the lens covered; ``source_angle_rad`` is the angle of the light source's
+    polarizer, None when the scene is lit by something else.
+    """
 
     frames: int
     angle_rad: float
     dark: bool = False
+    source_angle_rad: float | None = None
 
 
 @dataclass(frozen=True)
@@ -75,4 +120,18 @@ class Ask:
     prompt: str
 
 
-Step = MoveTo | SelectChannel | Settle | RecordSweeps | TurnPolarizer | AutoExpose | Expose | Checkpoint | Ask
+Step = (
+    MoveTo
+    | SelectChannel
+    | Settle
+    | RecordSweeps
+    | RecordSeconds
+    | RecordPass
+    | StartTurn
+    | TurnPolarizer
+    | TurnSource
+    | AutoExpose
+    | Expose
+    | Checkpoint
+    | Ask
+)
