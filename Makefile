@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 DEMO_OUT ?= demo_out
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup system system-test gentl demo demo-quick test lint types imports unit test-slow clean constraints
+.PHONY: help setup system system-test gentl demo demo-quick test lint types imports unit producer test-slow clean constraints
 
 help:
 	@echo "make demo        a whole collect on a simulated rig, focused, calibrated, fused: $(DEMO_OUT)/report.html"
@@ -55,10 +55,16 @@ types: $(BIN)/.ready
 imports: $(BIN)/.ready
 	$(BIN)/lint-imports
 
-# Many tests talk to devices in real time and can fail when the machine is kept busy by others. What failed is run
-# once more, alone: a defect fails again.
-unit: $(BIN)/.ready
-	$(BIN)/pytest -m "not slow" || $(BIN)/pytest -m "not slow" --last-failed --last-failed-no-failures none
+# The numerics fill both cores; after them come the tests that talk to devices in real time, which mostly wait. These can
+# fail when the machine is kept busy by others: what failed is run once more, alone. A defect fails again.
+unit: $(BIN)/.ready producer
+	$(BIN)/pytest -n 2 -m "not slow and not realtime"
+	$(BIN)/pytest -n 2 --dist loadfile -m "realtime and not slow" || \
+	  $(BIN)/pytest -m "realtime and not slow" --last-failed --last-failed-no-failures none
+
+# The GenTL producer where it can be built; without it the tests of cameras over it are skipped with the reason.
+producer:
+	@case "$$(uname -s)" in Linux) sh scripts/build-gentl || echo "the GenTL producer was not built" ;; esac
 
 # Tests that take long: clock drift, losses of many seconds.
 test-slow: setup
