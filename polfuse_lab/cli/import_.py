@@ -1,20 +1,19 @@
-"""``polfuse import``: foreign recordings into sessions."""
+"""``polfuse import``: foreign recordings into sessions and products."""
 
 from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from polfuse_lab.cli.output import Debug, Json, guarded, result
+from polfuse_lab.imports.formats import FORMATS, option_name, run_import
 
-
-class Format(StrEnum):
-    """Formats that can be imported."""
-
-    wav = "wav"
+FORMAT_HELP = "What they are: " + "; ".join(f"{name} = {item.what}" for name, item in FORMATS.items()) + "."
+COMMON = frozenset({"files", "output", "as_", "json_", "debug", "ctx"})
+"""Parameters of the command that every format has."""
 
 
 class UpRamp(StrEnum):
@@ -36,16 +35,21 @@ class ChannelName(StrEnum):
 
 @guarded
 def import_(
-    files: Annotated[list[Path], typer.Argument(help="Recordings of one radar.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Session to write; must not exist.")],
-    as_: Annotated[Format, typer.Option("--as", help="What they are: wav = stereo WAV with beat and sync.")],
+    ctx: typer.Context,
+    files: Annotated[list[Path], typer.Argument(help="Recordings, or the folder that holds them.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="File to write; a session must not exist yet.")],
+    as_: Annotated[str, typer.Option("--as", help=FORMAT_HELP)],
     bandwidth_hz: Annotated[
         float | None, typer.Option(help="Frequency swept in one up-ramp, Hz; not told by a WAV (80e6 is assumed).")
     ] = None,
     centre_hz: Annotated[float | None, typer.Option(help="Centre frequency, Hz (2.4e9 is assumed).")] = None,
-    sweep_period_s: Annotated[float, typer.Option(min=1e-4, help="Expected sweep period, s; it is measured.")] = 0.040,
-    up_ramp: Annotated[UpRamp, typer.Option(help="Level of the sync during the up-ramp, if known.")] = UpRamp.auto,
-    channel: Annotated[ChannelName, typer.Option(help="Polarimetric channel of the recordings.")] = ChannelName.VV,
+    sweep_period_s: Annotated[
+        float | None, typer.Option(min=1e-4, help="Expected sweep period, s (0.040); it is measured.")
+    ] = None,
+    up_ramp: Annotated[
+        UpRamp | None, typer.Option(help="Level of the sync during the up-ramp, if known (auto: measured).")
+    ] = None,
+    channel: Annotated[ChannelName | None, typer.Option(help="Polarimetric channel of the recordings (VV).")] = None,
     json_: Json = False,
     debug: Debug = False,
 ) -> None:
@@ -53,40 +57,14 @@ def import_(
 
     Example: polfuse import walk.wav -o walk.h5 --as wav --bandwidth-hz 80e6
     """
-    from drivers.records import Channel
-    from polfuse_lab.imports import import_wav
-
-    done = import_wav(
-        files,
-        output,
-        bandwidth_hz=bandwidth_hz,
-        centre_hz=centre_hz,
-        nominal_period_s=sweep_period_s,
-        polarity=up_ramp.value,
-        channel=Channel[channel.value],
-    )
-    values = {
-        "session": done.session,
-        "sweeps": done.sweeps,
-        "sync_channel": done.sync_channel,
-        "sync_inverted": done.sync_inverted,
-        "sweep_period_s": done.sweep_period_s,
-        "ramp_up_s": done.ramp_up_s,
-        "jitter_s": done.jitter_s,
-        "polarity_from": done.polarity_from,
-        "bandwidth_hz": done.bandwidth_hz,
-        "bandwidth_assumed": done.bandwidth_assumed,
-        "centre_hz": done.centre_hz,
-        "notes": done.notes,
+    if as_ not in FORMATS:
+        raise typer.BadParameter(f"{as_!r} is not one of {', '.join(FORMATS)}", param_hint="--as")
+    given: dict[str, Any] = {
+        name: value.value if isinstance(value, StrEnum) else value
+        for name, value in ctx.params.items()
+        if name not in COMMON and value is not None
     }
-    level = "low" if done.sync_inverted else "high"
-    text = "\n".join(
-        [
-            f"{done.sweeps} sweeps of {done.sweep_period_s * 1e3:.3f} ms; sync on channel {done.sync_channel}, "
-            f"up-ramp while {level} (by {done.polarity_from})",
-            f"centre {done.centre_hz / 1e9:.4g} GHz, bandwidth {done.bandwidth_hz / 1e6:.4g} MHz",
-            *(f"note: {note}" for note in done.notes),
-            f"session: {done.session}",
-        ]
-    )
-    result(values, as_json=json_, text=text)
+    if foreign := sorted(set(given) - FORMATS[as_].options):
+        raise typer.BadParameter(f"means nothing with --as {as_}", param_hint=", ".join(map(option_name, foreign)))
+    done = run_import(as_, files, output, given)
+    result(done.values, as_json=json_, text=done.text)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from drivers.records import AudioBlock, Channel
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.imports.formats import Imported
 from polfuse_lab.imports.riff import Wav, read_wav
 from polfuse_lab.records import Sweeps
 from polfuse_lab.rig import Waveform
@@ -136,6 +137,39 @@ def import_wav(
         centre_hz=waveform.centre_hz,
         notes=notes,
     )
+
+
+def run(
+    files: Sequence[Path],
+    output: Path,
+    *,
+    bandwidth_hz: float | None = None,
+    centre_hz: float | None = None,
+    sweep_period_s: float = 0.040,
+    up_ramp: Polarity = "auto",
+    channel: str = "VV",
+) -> Imported:
+    """:func:`import_wav` for the command line."""
+    done = import_wav(
+        files,
+        output,
+        bandwidth_hz=bandwidth_hz,
+        centre_hz=centre_hz,
+        nominal_period_s=sweep_period_s,
+        polarity=up_ramp,
+        channel=Channel[channel],
+    )
+    level = "low" if done.sync_inverted else "high"
+    text = "\n".join(
+        [
+            f"{done.sweeps} sweeps of {done.sweep_period_s * 1e3:.3f} ms; sync on channel {done.sync_channel}, "
+            f"up-ramp while {level} (by {done.polarity_from})",
+            f"centre {done.centre_hz / 1e9:.4g} GHz, bandwidth {done.bandwidth_hz / 1e6:.4g} MHz",
+            *(f"note: {note}" for note in done.notes),
+            f"session: {done.session}",
+        ]
+    )
+    return Imported(asdict(done), text)
 
 
 def _sync(path: Path, wav: Wav, nominal_period_s: float, polarity: Polarity) -> Sync:
