@@ -120,6 +120,16 @@ class Ask:
     prompt: str
 
 
+@dataclass(frozen=True)
+class Mark:
+    """Store ``text`` as an event of kind "mark": what the records that follow belong to."""
+
+    text: str
+
+
+PASS_POSITIONS = 10_000
+"""Position numbers that each :class:`RecordPass` has to itself: its first one is a multiple of this."""
+
 Step = (
     MoveTo
     | SelectChannel
@@ -134,4 +144,5 @@ Step = (
     | Expose
     | Checkpoint
     | Ask
+    | Mark
 )

@@ -19,6 +19,7 @@ from polfuse_lab.plans.steps import (
     AutoExpose,
     Checkpoint,
     Expose,
+    Mark,
     MoveTo,
     RecordSweeps,
     SelectChannel,
@@ -60,6 +61,8 @@ def describe(step: Step) -> str:
             return "saving"
         case Ask(prompt):
             return f"asking: {prompt}"
+        case Mark(text):
+            return text
 
 
 class Actions:
@@ -113,6 +116,8 @@ class Actions:
                 self._expose(step)
             case Ask(prompt):
                 self._ask(prompt)
+            case Mark(text):
+                self._keep(Event("mark", text, time.monotonic_ns()))
             case Checkpoint(position):
                 self.positions_done = max(self.positions_done, position + 1)
                 self._repeating = False
