@@ -12,6 +12,7 @@ import numpy as np
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.store import Products
+from polfuse_lab.records import FrameFlag
 from polfuse_lab.rig import CameraSection
 from polfuse_lab.session import Session, open_session
 from processing.optics.camera_model import Pinhole
@@ -204,6 +205,8 @@ def _stacked(session: Session, camera: CameraSection) -> FrameStack:
             )
     stack = FrameStack(saturation_counts=camera.saturation_counts, black_level_counts=camera.black_level_counts)
     for index, row in enumerate(rows):
+        if int(row["flags"]) & int(FrameFlag.MOVED):
+            continue  # at no angle in particular, and taken again
         image = session.frame(index)
         if image.shape != (camera.height_px, camera.width_px):
             raise PolfuseError(

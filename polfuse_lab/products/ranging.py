@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.records import Channel
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.records import SweepFlag
+from polfuse_lab.records import SUPERSEDED
 from polfuse_lab.session import Session, open_session
 from processing.errors import DataError
 from processing.radar.profiles import RangeProfiles
@@ -29,8 +29,8 @@ from processing.radar.sync import Polarity, Sync, find_sync
 
 Coupling = Literal["none", "mean", "reference"]
 
-UNUSABLE = SweepFlag.LOST | SweepFlag.SWITCH_CHANGED
-"""Records with one of these flags are not used: samples are missing, or the channel changed while recording."""
+UNUSABLE = SUPERSEDED
+"""Records with one of these flags are not used: samples are missing, or channel or place changed while recording."""
 
 _log = logging.getLogger(__name__)
 

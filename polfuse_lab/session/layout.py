@@ -1,4 +1,4 @@
-"""What a session file looks like inside: schema ``polfuse-session``, version 1.
+"""What a session file looks like inside: schema ``polfuse-session``, version 2.
 
 Flat, every dataset declared before the first record::
 
@@ -8,7 +8,10 @@ Flat, every dataset declared before the first record::
     sweeps            (n,)  SWEEPS             one row for each audio record
     images            (n, rows, columns)       camera frames (only with a camera)
     frames            (n,)  FRAMES             one row for each image
-    trolley, switches, polarizer, clocks, notes, events
+    trolley, switches, polarizer, source_polarizer, clocks, notes, events
+
+Version 2 (all additions, :data:`ADDED`): fixes taken while something was recorded carry the number of that record; a
+polarizer at the light source; flags of frames.
 
 Tables are stored uncompressed, so that a row is appended in place; audio and images are compressed, one chunk for one
 write, since rewriting a compressed chunk leaves its old copy behind and lets the file grow many times over.
@@ -18,6 +21,7 @@ from __future__ import annotations
 
 import datetime
 import json
+import math
 import platform
 import time
 from collections.abc import Mapping
@@ -28,13 +32,14 @@ from typing import Any
 import h5py
 import hdf5plugin
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.records import Identity
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.rig import Waveform
 
 SCHEMA = "polfuse-session"
-VERSION = 1
+VERSION = 2
 
 TEXT_BYTES = 1000
 """Longest text in one row of a table, bytes of UTF-8; longer notes take several rows."""
@@ -83,18 +88,35 @@ FRAMES = np.dtype(
         ("dark", "?"),
         ("lost_before", "i4"),
         ("attempt", "i4"),
+        ("source_angle_rad", "f8"),
+        ("source_angle_sd_rad", "f8"),
+        ("flags", "u4"),
     ]
 )
+_POLARIZER = np.dtype([("angle_rad", "f8"), ("sd_rad", "f8"), ("moving", "?"), ("t_host_ns", "i8"), ("record", "i4")])
 TABLES: Mapping[str, np.dtype[Any]] = {
     "sweeps": SWEEPS,
     "frames": FRAMES,
-    "trolley": np.dtype([("x_m", "f8"), ("sd_m", "f8"), ("moving", "?"), ("t_host_ns", "i8"), ("state", "S32")]),
-    "switches": np.dtype([("transmit", "S4"), ("receive", "S4"), ("verified", "?"), ("t_host_ns", "i8")]),
-    "polarizer": np.dtype([("angle_rad", "f8"), ("sd_rad", "f8"), ("moving", "?"), ("t_host_ns", "i8")]),
+    "trolley": np.dtype(
+        [("x_m", "f8"), ("sd_m", "f8"), ("moving", "?"), ("t_host_ns", "i8"), ("state", "S32"), ("record", "i4")]
+    ),
+    "switches": np.dtype(
+        [("transmit", "S4"), ("receive", "S4"), ("verified", "?"), ("t_host_ns", "i8"), ("record", "i4")]
+    ),
+    "polarizer": _POLARIZER,
+    "source_polarizer": _POLARIZER,
     "clocks": np.dtype([("device", "S32"), ("t_device_s", "f8"), ("t_host_ns", "i8"), ("round_trip_ns", "i8")]),
     "notes": np.dtype([("text", f"S{TEXT_BYTES}"), ("t_host_ns", "i8")]),
     "events": np.dtype([("kind", "S32"), ("text", f"S{TEXT_BYTES}"), ("t_host_ns", "i8")]),
 }
+
+UNASKED = -1
+"""``record`` of a fix that a step asked for, and that was not taken during a record."""
+ADDED: Mapping[str, int | float] = {"record": UNASKED, "source_angle_rad": math.nan, "source_angle_sd_rad": math.nan,
+                                    "flags": 0}  # fmt: skip
+"""What fields mean that a file of an earlier version does not have."""
+ADDED_TABLES = ("source_polarizer",)
+"""Tables that a file of an earlier version does not have: nothing was in them."""
 
 _PACKAGES = ("polfuse-lab", "numpy", "h5py", "hdf5plugin", "pyzmq", "pyserial", "sounddevice", "harvesters")
 
@@ -225,6 +247,17 @@ def _versions() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return found
+
+
+def present_layout(name: str, rows: NDArray[Any]) -> NDArray[Any]:
+    """Rows of a table of any version as rows of this version; fields that were added since say so (:data:`ADDED`)."""
+    dtype = TABLES[name]
+    if rows.dtype == dtype:
+        return rows
+    present = np.zeros(len(rows), dtype)
+    for column in dtype.names or ():
+        present[column] = rows[column] if column in (rows.dtype.names or ()) else ADDED[column]
+    return present
 
 
 def encode_text(text: str, limit: int = TEXT_BYTES) -> bytes:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.rig import Rig, Waveform, parse_model
-from polfuse_lab.session import layout
+from polfuse_lab.session import layout, versions
 from polfuse_lab.session.naming import partial_path
 from polfuse_lab.session.selection import (
     AudioRecord,
@@ -249,18 +249,23 @@ class Session:
 
     @cached_property
     def trolley(self) -> Table:
-        """Trolley fixes: x_m, sd_m, moving, t_host_ns, state."""
+        """Trolley fixes: x_m, sd_m, moving, t_host_ns, state, record (during which it was taken, else -1)."""
         return self._table("trolley")
 
     @cached_property
     def switches(self) -> Table:
-        """Switch states: transmit, receive, verified, t_host_ns."""
+        """Switch states: transmit, receive, verified, t_host_ns, record (during which it was taken, else -1)."""
         return self._table("switches")
 
     @cached_property
     def polarizer(self) -> Table:
-        """Polarizer fixes: angle_rad, sd_rad, moving, t_host_ns."""
+        """Polarizer fixes: angle_rad, sd_rad, moving, t_host_ns, record (frame during which it was taken, else -1)."""
         return self._table("polarizer")
+
+    @cached_property
+    def source_polarizer(self) -> Table:
+        """Fixes of the light source's polarizer, as :attr:`polarizer`; empty where there is none."""
+        return self._table("source_polarizer")
 
     @cached_property
     def clocks(self) -> Table:
@@ -341,7 +346,9 @@ class Session:
         return select_frames(self, angle_deg=angle_deg, time=time, dark=dark)
 
     def _table(self, name: str) -> Table:
-        return np.asarray(self._read(name, slice(None), f"table {name}"))
+        if name not in self._file and name in layout.ADDED_TABLES:
+            return np.zeros(0, layout.TABLES[name])
+        return layout.present_layout(name, np.asarray(self._read(name, slice(None), f"table {name}")))
 
     def _rows(self, name: str) -> int:
         return int(self._file[name].shape[0]) if name in self._file else 0

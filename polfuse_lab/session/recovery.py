@@ -130,7 +130,8 @@ def _copy(session: Session, file: h5py.File, on_record: Callable[[], None]) -> l
     """Copy configuration, tables, audio and images; return (rows found, rows copied) of the two with data."""
     source = session._file
     file.attrs["schema"] = layout.SCHEMA
-    file.attrs["version"] = int(source.attrs["version"])
+    # Tables are read, and so written, in the present layout whatever the version of the partial file.
+    file.attrs["version"] = layout.VERSION
     file.create_dataset("config", data=source["config"][:])
     for name in layout.TABLES:
         if name not in ("sweeps", "frames"):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.records import Channel
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.records import SweepFlag
+from polfuse_lab.records import SUPERSEDED
 
 if TYPE_CHECKING:
     from polfuse_lab.session.reader import Session
@@ -210,10 +210,10 @@ def _at_positions(found: NDArray[np.int32], wanted: int | slice | Iterable[int])
 
 
 def _latest(rows: NDArray[np.void]) -> NDArray[np.bool_]:
-    """The latest attempt at each position and channel that did not lose more frames than the plan allows."""
+    """The latest attempt at each position and channel that did not have to be taken again."""
     newest: dict[tuple[int, int], int] = {}
     for index, row in enumerate(rows):
-        if not int(row["flags"]) & int(SweepFlag.LOST):
+        if not int(row["flags"]) & int(SUPERSEDED):
             newest[int(row["position"]), int(row["channel"])] = index
     chosen = np.zeros(len(rows), bool)
     chosen[list(newest.values())] = True

@@ -10,7 +10,7 @@ import numpy as np
 from drivers.records import Channel
 from polfuse_lab.clocks import fit_clocks, sync_rms_s
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.records import SweepFlag
+from polfuse_lab.records import SUPERSEDED, FrameFlag, SweepFlag
 from polfuse_lab.session.reader import Session, open_session
 
 
@@ -73,11 +73,15 @@ def problems(session: Session) -> list[str]:
     for flag, text in (
         (SweepFlag.LOST, "lost audio frames and were taken again or given up"),
         (SweepFlag.OVERFLOW, "carry the audio device's overflow flag"),
-        (SweepFlag.SWITCH_CHANGED, "ended with the switches in another state than they began"),
+        (SweepFlag.SWITCH_CHANGED, "saw the switches in another state than they began with"),
+        (SweepFlag.MOVED, "saw the trolley move where it should have stood"),
     ):
         count = int(np.count_nonzero(sweeps["flags"] & int(flag)))
         if count:
             found.append(f"{count} audio records {text}")
+    moved = int(np.count_nonzero(frames["flags"] & int(FrameFlag.MOVED)))
+    if moved:
+        found.append(f"{moved} camera frames saw a polarizer move")
     incomplete = int(frames["incomplete"].sum())
     if incomplete:
         found.append(f"{incomplete} camera frames are incomplete")
@@ -91,7 +95,7 @@ def _missing_from_plan(session: Session) -> list[str]:
         return [f"its plan cannot be read by this version ({error.what})"]
     if plan is None:
         return []
-    good = session.sweeps[(session.sweeps["flags"] & int(SweepFlag.LOST)) == 0]
+    good = session.sweeps[(session.sweeps["flags"] & int(SUPERSEDED)) == 0]
     have = {(int(row["position"]), int(row["channel"])) for row in good}
     want = {(p, int(Channel[name])) for p in range(len(plan.positions_m)) for name in plan.channels}
     found = []
@@ -100,7 +104,8 @@ def _missing_from_plan(session: Session) -> list[str]:
     if plan.optics is not None:
         mosaic = session.rig is not None and session.rig.has_mosaic
         planned = (1 if mosaic else len(plan.optics.angles_deg)) * plan.optics.frames_per_angle
-        taken = int(np.count_nonzero(~session.frames["dark"]))
+        moved = (session.frames["flags"] & int(FrameFlag.MOVED)) > 0
+        taken = int(np.count_nonzero(~session.frames["dark"] & ~moved))
         if taken < planned:
             found.append(f"{planned - taken} of {planned} planned camera frames are missing")
     return found

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.records import AudioBlock, Channel, ClockFix, Frame, Identity, PolarizerFix, SwitchState, TrolleyFix
-from polfuse_lab.records import Event, Exposure, Note, Record, SweepFlag, Sweeps
+from polfuse_lab.records import Event, Exposure, FrameFlag, Note, Observed, Record, SourceFix, SweepFlag, Sweeps
 from polfuse_lab.rig import Waveform
 from polfuse_lab.session.layout import SessionConfig
 
@@ -51,22 +51,38 @@ def record_message(record: Record) -> Message:
         return _with_array({"kind": "Sweeps", "fields": fields, "inner": block}, record.block.samples)
     if isinstance(record, Exposure):
         frame = _fields(record.frame, without="image")
-        return _with_array(
-            {"kind": "Exposure", "fields": _fields(record, without="frame"), "inner": frame}, record.frame.image
-        )
-    return {"kind": type(record).__name__, "fields": dataclasses.asdict(record)}, b""
+        fields = {**_fields(record, without="frame"), "flags": int(record.flags)}
+        return _with_array({"kind": "Exposure", "fields": fields, "inner": frame}, record.frame.image)
+    if isinstance(record, Observed):
+        return {"kind": "Observed", "record": record.record, "state": _plain_fields(record.state)}, b""
+    return _plain_fields(record), b""
+
+
+def _plain_fields(record: Any) -> dict[str, Any]:
+    return {"kind": type(record).__name__, "fields": dataclasses.asdict(record)}
+
+
+def _plain_record(header: dict[str, Any]) -> Any:
+    fields = header["fields"]
+    if header["kind"] == "SourceFix":
+        return SourceFix(PolarizerFix(**fields["fix"]))
+    return _PLAIN[header["kind"]](**fields)
 
 
 def record_from(header: dict[str, Any], payload: Payload) -> Record:
     """The record of a message made by :func:`record_message`."""
-    kind, fields = header["kind"], header["fields"]
+    kind = header["kind"]
+    if kind == "Observed":
+        return Observed(_plain_record(header["state"]), header["record"])
+    fields = header["fields"]
     if kind == "Sweeps":
         block = AudioBlock(samples=_array(header, payload), **header["inner"])
         fields = {**fields, "channel": Channel(fields["channel"]), "flags": SweepFlag(fields["flags"])}
         return Sweeps(block=block, **fields)
     if kind == "Exposure":
+        fields = {**fields, "flags": FrameFlag(fields["flags"])}
         return Exposure(frame=Frame(image=_array(header, payload), **header["inner"]), **fields)
-    record: Record = _PLAIN[kind](**fields)
+    record: Record = _plain_record(header)
     return record
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import math
 import os
 import time
 from pathlib import Path
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from drivers.records import ClockFix, PolarizerFix, SwitchState, TrolleyFix
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.records import Event, Exposure, Note, Record, Sweeps
+from polfuse_lab.records import Event, Exposure, Note, Observed, Record, SourceFix, Sweeps
 from polfuse_lab.session import layout
 from polfuse_lab.session.layout import SessionConfig
 from polfuse_lab.session.naming import check_free_name, move_without_replacing, partial_path, taken
@@ -192,12 +193,10 @@ class SessionWriter:
                 self._append_sweeps(record)
             case Exposure():
                 self._append_exposure(record)
-            case TrolleyFix(x_m, sd_m, moving, t_host_ns, state):
-                self._row("trolley", (x_m, sd_m, moving, t_host_ns, layout.encode_text(state, 32)))
-            case SwitchState(transmit, receive, verified, t_host_ns):
-                self._row("switches", (transmit.encode(), receive.encode(), verified, t_host_ns))
-            case PolarizerFix(angle_rad, sd_rad, moving, t_host_ns):
-                self._row("polarizer", (angle_rad, sd_rad, moving, t_host_ns))
+            case TrolleyFix() | SwitchState() | PolarizerFix() | SourceFix():
+                self._append_fix(record, layout.UNASKED)
+            case Observed(state, number):
+                self._append_fix(state, number)
             case ClockFix(device, t_device_s, t_host_ns, round_trip_ns):
                 self._row("clocks", (layout.encode_text(device, 32), t_device_s, t_host_ns, round_trip_ns))
             case Note(text, t_host_ns):
@@ -205,6 +204,17 @@ class SessionWriter:
                     self._row("notes", (piece, t_host_ns))
             case Event(kind, text, t_host_ns):
                 self._row("events", (layout.encode_text(kind, 32), layout.encode_text(text), t_host_ns))
+
+    def _append_fix(self, fix: TrolleyFix | SwitchState | PolarizerFix | SourceFix, number: int) -> None:
+        match fix:
+            case TrolleyFix(x_m, sd_m, moving, t_host_ns, state):
+                self._row("trolley", (x_m, sd_m, moving, t_host_ns, layout.encode_text(state, 32), number))
+            case SwitchState(transmit, receive, verified, t_host_ns):
+                self._row("switches", (transmit.encode(), receive.encode(), verified, t_host_ns, number))
+            case PolarizerFix(angle_rad, sd_rad, moving, t_host_ns):
+                self._row("polarizer", (angle_rad, sd_rad, moving, t_host_ns, number))
+            case SourceFix(PolarizerFix(angle_rad, sd_rad, moving, t_host_ns)):
+                self._row("source_polarizer", (angle_rad, sd_rad, moving, t_host_ns, number))
 
     def _append_sweeps(self, record: Sweeps) -> None:
         block = record.block
@@ -261,6 +271,9 @@ class SessionWriter:
                 record.dark,
                 frame.lost_before,
                 record.attempt,
+                math.nan if record.source_angle_rad is None else record.source_angle_rad,
+                math.nan if record.source_angle_rad is None else record.source_angle_sd_rad,
+                int(record.flags),
             ),
         )
         self.frames_lost += frame.lost_before + int(frame.incomplete)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import h5py
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -13,9 +14,10 @@ from session_records import clock, config, exposure, sweeps
 
 from drivers.records import Identity, PolarizerFix, SwitchState, TrolleyFix
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.records import Event, Note, SweepFlag
+from polfuse_lab.records import Event, Note, Observed, SourceFix, SweepFlag
 from polfuse_lab.session import SessionWriter, info, open_session
-from polfuse_lab.session.layout import TABLES, TEXT_BYTES, encode_text, split_text
+from polfuse_lab.session.layout import TABLES, TEXT_BYTES, VERSION, encode_text, split_text
+from polfuse_lab.session.wire import record_from, record_message
 
 
 def write(path, records, **changes):
@@ -47,10 +49,17 @@ def test_every_field_of_every_record_comes_back(path):
         clock(2),
         Note("Wind from the left – ½ Bft", 8),
         Event("warning", "a text", 9),
+        Observed(TrolleyFix(0.2, 0.002, True, 10, "Run"), 0),
+        SourceFix(PolarizerFix(0.3, 0.02, False, 11)),
+        Observed(SourceFix(PolarizerFix(0.3, 0.02, True, 12)), 0),
     ]
+    # What reaches the writer's process is what was offered to it.
+    for record in records[2:]:
+        header, payload = record_message(record)
+        assert record_from(msgspec.msgpack.decode(msgspec.msgpack.encode(header)), payload) == record
     write(path, records, identities=(Identity("radar", "d", "n", "x"),), extra={"a": [1, 2]})
     with open_session(path) as s:
-        assert (s.state, s.complete, s.schema) == ("finished", True, "polfuse-session/1")
+        assert (s.state, s.complete, s.schema) == ("finished", True, "polfuse-session/2")
         row = s.sweeps[0]
         assert row["channel"] == 3
         assert (row["position"], row["x_m"], row["sweeps_requested"], row["attempt"]) == (1, 0.07, 4, 2)
@@ -58,9 +67,10 @@ def test_every_field_of_every_record_comes_back(path):
         assert row["flags"] == int(flags)
         np.testing.assert_array_equal(s.frame(0), exposure(3).frame.image)
         assert (s.frames[0]["angle_rad"], s.frames[0]["frame_id"], s.frames[0]["dark"]) == (0.5, 3, False)
-        assert s.trolley.tolist() == [(0.1, 0.002, False, 5, b"Idle")]
-        assert s.switches.tolist() == [(b"H", b"V", True, 6)]
-        assert s.polarizer.tolist() == [(0.7, 0.01, False, 7)]
+        assert s.trolley.tolist() == [(0.1, 0.002, False, 5, b"Idle", -1), (0.2, 0.002, True, 10, b"Run", 0)]
+        assert s.switches.tolist() == [(b"H", b"V", True, 6, -1)]
+        assert s.polarizer.tolist() == [(0.7, 0.01, False, 7, -1)]
+        assert s.source_polarizer.tolist() == [(0.3, 0.02, False, 11, -1), (0.3, 0.02, True, 12, 0)]
         assert s.clocks.tolist() == [(b"radar", 10.0, 10_000_000_000, 20_000)]
         assert s.notes[0]["text"].decode() == "Wind from the left – ½ Bft"
         assert s.events.tolist() == [(b"warning", b"a text", 9)]
@@ -209,7 +219,7 @@ def test_foreign_and_newer_files_are_refused(path):
     newer = path.with_name("n.h5")
     write(newer, [])
     with h5py.File(newer, "r+") as file:
-        file.attrs["version"] = 2
+        file.attrs["version"] = VERSION + 1
     with pytest.raises(PolfuseError, match="update PolFuse Lab"):
         open_session(newer)
     with pytest.raises(PolfuseError, match="does not exist"):
