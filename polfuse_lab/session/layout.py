@@ -10,7 +10,7 @@ Flat, every dataset declared before the first record::
     frames            (n,)  FRAMES             one row for each image
     trolley, switches, polarizer, source_polarizer, clocks, notes, events
 
-Version 2 (all additions, :data:`ADDED`): fixes taken while something was recorded carry the number of that record; a
+Version 2 (additions, see :mod:`polfuse_lab.session.versions`): fixes taken while something was recorded carry the number of that record; a
 polarizer at the light source; flags of frames.
 
 Tables are stored uncompressed, so that a row is appended in place; audio and images are compressed, one chunk for one
@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import datetime
 import json
-import math
 import platform
 import time
 from collections.abc import Mapping
@@ -32,7 +31,6 @@ from typing import Any
 import h5py
 import hdf5plugin
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.records import Identity
 from polfuse_lab.errors import PolfuseError
@@ -112,11 +110,6 @@ TABLES: Mapping[str, np.dtype[Any]] = {
 
 UNASKED = -1
 """``record`` of a fix that a step asked for, and that was not taken during a record."""
-ADDED: Mapping[str, int | float] = {"record": UNASKED, "source_angle_rad": math.nan, "source_angle_sd_rad": math.nan,
-                                    "flags": 0}  # fmt: skip
-"""What fields mean that a file of an earlier version does not have."""
-ADDED_TABLES = ("source_polarizer",)
-"""Tables that a file of an earlier version does not have: nothing was in them."""
 
 _PACKAGES = ("polfuse-lab", "numpy", "h5py", "hdf5plugin", "pyzmq", "pyserial", "sounddevice", "harvesters")
 
@@ -247,17 +240,6 @@ def _versions() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return found
-
-
-def present_layout(name: str, rows: NDArray[Any]) -> NDArray[Any]:
-    """Rows of a table of any version as rows of this version; fields that were added since say so (:data:`ADDED`)."""
-    dtype = TABLES[name]
-    if rows.dtype == dtype:
-        return rows
-    present = np.zeros(len(rows), dtype)
-    for column in dtype.names or ():
-        present[column] = rows[column] if column in (rows.dtype.names or ()) else ADDED[column]
-    return present
 
 
 def encode_text(text: str, limit: int = TEXT_BYTES) -> bytes:

@@ -346,9 +346,9 @@ class Session:
         return select_frames(self, angle_deg=angle_deg, time=time, dark=dark)
 
     def _table(self, name: str) -> Table:
-        if name not in self._file and name in layout.ADDED_TABLES:
-            return np.zeros(0, layout.TABLES[name])
-        return layout.present_layout(name, np.asarray(self._read(name, slice(None), f"table {name}")))
+        if name not in self._file and name in versions.ADDED_TABLES:
+            return versions.missing_table(name)
+        return versions.upgraded(name, np.asarray(self._read(name, slice(None), f"table {name}")))
 
     def _rows(self, name: str) -> int:
         return int(self._file[name].shape[0]) if name in self._file else 0
