@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.rig import Rig, Waveform, parse_model
-from polfuse_lab.session import layout
+from polfuse_lab.session import layout, versions
 from polfuse_lab.session.naming import partial_path
 from polfuse_lab.session.selection import (
     AudioRecord,
