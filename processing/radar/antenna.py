@@ -8,11 +8,23 @@ equals the one-way *power* pattern.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from processing.errors import DataError
+
+
+@dataclass(frozen=True)
+class AntennaPair:
+    """Phase centres of a channel's transmitting and receiving antenna, m, from a common point on the platform.
+
+    The platform is taken not to turn: offsets are in rig coordinates at every position.
+    """
+
+    transmit_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    receive_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def pattern_exponent(beamwidth_rad: float) -> float:

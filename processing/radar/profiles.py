@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from processing.radar.antenna import AntennaPair
+
 SPEED_OF_LIGHT_M_S = 299_792_458.0
 
 
@@ -24,7 +26,8 @@ class RangeProfiles:
     range_m: NDArray[np.float64]
     """(bins,) uniform range axis, m."""
     antenna_m: NDArray[np.float64]
-    """(positions, 3) antenna phase centre in rig coordinates, m."""
+    """(positions, 3) antenna phase centre in rig coordinates, m, at the middle of the ramps; with ``pairs``, the point
+    on the platform that they are measured from. Any track: a rail, a circle, a flight."""
     channels: tuple[str, ...]
     """Channel names, transmit-then-receive, in the order of the first axis of ``values``."""
     centre_hz: float
@@ -36,6 +39,16 @@ class RangeProfiles:
     noise: NDArray[np.float64] | None = None
     """(channels, positions) noise power of one bin before range compensation, from the scatter of the sweeps averaged;
     NaN where there was one sweep only. None where nothing is known of it."""
+    start_m: NDArray[np.float64] | None = None
+    """(positions,) what is added to ``range_m`` at each position, for tracks whose distance changes by more than the
+    scene is deep. Phases stay those of the absolute range. None: nothing."""
+    pairs: tuple[AntennaPair, ...] | None = None
+    """Phase centres of transmission and reception of each channel. Range is then half the path from the one over the
+    target to the other. None: both at ``antenna_m``."""
+    velocity_m_s: NDArray[np.float64] | None = None
+    """(positions, 3) velocity of the platform while it recorded. None: it stood still."""
+    ramp_s: float | None = None
+    """Length of the ramp, needed with ``velocity_m_s`` alone. None: not known (or no ramps: pulses)."""
 
     @property
     def range_step_m(self) -> float:

@@ -12,7 +12,7 @@ from scipy.signal import windows
 from processing.errors import DataError
 from processing.radar.antenna import boresight, one_way_gain
 from processing.radar.profiles import RangeProfiles
-from processing.sar.grid import ImageGrid
+from processing.sar.grid import Grid, ImageGrid
 
 APERTURE_WINDOWS = ("rectangular", "hann", "taylor")
 
@@ -46,6 +46,10 @@ class Pulses:
     """(channels, pulses); 0 where a channel has no profile at that position."""
     antenna_m: NDArray[np.float64]
     """(pulses, 3)."""
+    start_m: NDArray[np.float64]
+    """(pulses,) range of the first bin."""
+    velocity_m_s: NDArray[np.float64] | None
+    """(pulses, 3); None where the platform stood still."""
 
 
 def usable_pulses(profiles: RangeProfiles, weights: NDArray[np.floating] | None = None) -> Pulses:
@@ -59,8 +63,8 @@ def usable_pulses(profiles: RangeProfiles, weights: NDArray[np.floating] | None 
         weights: (positions,) window along the aperture, finite and not negative; all ones where left out.
 
     Raises:
-        DataError: shapes disagree, positions or ranges are not finite, the range axis is not uniform, values are
-            infinite, or a channel has no weighted profile at all.
+        DataError: shapes disagree, positions, velocities or ranges are not finite, the range axis is not uniform,
+            values are infinite, or a channel has no weighted profile at all.
     """
     values = np.asarray(profiles.values)
     if values.ndim != 3 or not values.size:
@@ -86,6 +90,12 @@ def usable_pulses(profiles: RangeProfiles, weights: NDArray[np.floating] | None 
         raise DataError(
             f"the aperture's weights do not fit {positions} positions", "give one finite weight >= 0 for each"
         )
+    start = np.zeros(positions) if profiles.start_m is None else np.asarray(profiles.start_m, dtype=np.float64)
+    if start.shape != (positions,) or not np.isfinite(start).all():
+        raise DataError(f"the starts of ranges do not fit {positions} positions", "give one finite range for each")
+    velocity = None if profiles.velocity_m_s is None else np.asarray(profiles.velocity_m_s, dtype=np.float64)
+    if velocity is not None and (velocity.shape != (positions, 3) or not np.isfinite(velocity).all()):
+        raise DataError(f"velocities do not fit {positions} positions", "give a finite velocity (x, y, z) for each")
     present = ~np.isnan(values).all(axis=2)
     effective = np.where(present, window, 0.0)
     for name, total in zip(profiles.channels, effective.sum(axis=1), strict=True):
@@ -93,7 +103,13 @@ def usable_pulses(profiles: RangeProfiles, weights: NDArray[np.floating] | None 
             raise DataError(f"channel {name} has no profile with any weight", "collect it again, or leave it out")
     used = effective.max(axis=0) > 0
     kept = np.where((effective[:, used] > 0)[..., None], values[:, used], 0)
-    return Pulses(kept, effective[:, used], antenna[used])
+    return Pulses(
+        values=kept,
+        weights=effective[:, used],
+        antenna_m=antenna[used],
+        start_m=axis[0] + start[used],
+        velocity_m_s=None if velocity is None else velocity[used],
+    )
 
 
 @dataclass(frozen=True)
@@ -149,19 +165,15 @@ def even_track(antenna_m: NDArray[np.float64], *, tolerance: float = 0.01) -> Ev
 
 
 def two_way_gain(
-    antenna_m: NDArray[np.float64], grid: ImageGrid, beamwidth_rad: float, depression_rad: float
+    antenna_m: NDArray[np.float64], grid: Grid, beamwidth_rad: float, depression_rad: float
 ) -> NDArray[np.float64]:
-    """Two-way amplitude pattern, (ny, nx), from one place (3,) of antennas that look along +y and down."""
-    away = [
-        np.broadcast_to(grid.x_m[None, :] - antenna_m[0], grid.shape),
-        np.broadcast_to(grid.y_m[:, None] - antenna_m[1], grid.shape),
-        np.full(grid.shape, grid.z_m - antenna_m[2]),
-    ]
+    """Two-way amplitude pattern, (rows, columns), from one place (3,) of antennas that look along +y and down."""
+    away = [place - antenna for place, antenna in zip(grid.places_m(), antenna_m, strict=True)]
     distance = np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
     axis = boresight(depression_rad)
     along = axis[0] * away[0] + axis[1] * away[1] + axis[2] * away[2]
     with np.errstate(invalid="ignore", divide="ignore"):
-        cosine = np.where(distance > 0, along / distance, 0.0)
+        cosine = np.where(distance == 0, 0.0, along / distance)
     return one_way_gain(cosine, beamwidth_rad)
 
 

@@ -17,8 +17,10 @@ from processing.errors import DataError
 from processing.radar.antenna import boresight, pattern_exponent
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S, RangeProfiles
 from processing.sar.aperture import two_way_gain, usable_pulses
-from processing.sar.grid import ImageGrid
+from processing.sar.continuous import Motion, apparent_range, sweep_motion
+from processing.sar.grid import Grid, ImageGrid, check_grid
 from processing.sar.interpolation import tap_table, tap_weights, taps_of
+from processing.sar.paths import channel_groups, radial_velocity, range_to
 
 
 def backproject(
@@ -80,12 +82,13 @@ def backproject(
 
 def backproject_reference(
     profiles: RangeProfiles,
-    grid: ImageGrid,
+    grid: Grid,
     *,
     interpolator: str = "sinc16",
     weights: NDArray[np.floating] | None = None,
     beamwidth_rad: float | None = None,
     depression_rad: float = 0.0,
+    motion: Motion = "auto",
 ) -> NDArray[np.complex128]:
     """Back-projection in plain NumPy, float64 throughout: what :func:`backproject` is measured against.
 
@@ -94,24 +97,35 @@ def backproject_reference(
     """
     pulses = usable_pulses(profiles, weights)
     taps = _checked_taps(profiles, grid, interpolator)
+    moving = sweep_motion(profiles, motion)
+    places = grid.places_m()
+    bins = len(profiles.range_m)
+    step = (profiles.range_m[-1] - profiles.range_m[0]) / (bins - 1)
+    oversampling = profiles.resolution_m / step
     total = np.zeros((len(pulses.values), *grid.shape), dtype=np.complex128)
     gain_total = np.zeros(total.shape)
-    oversampling = profiles.resolution_m / profiles.range_step_m
     for n, antenna in enumerate(pulses.antenna_m):
-        distance = distance_m(antenna, grid)
-        place = (distance - profiles.range_m[0]) / profiles.range_step_m
-        first = np.floor(place).astype(np.int64) - (taps // 2 - 1)
-        inside = (first >= 0) & (first + taps <= len(profiles.range_m))
-        bins = np.where(inside, first, 0)[..., None] + np.arange(taps)
-        filters = tap_weights(interpolator, place - np.floor(place), oversampling)
-        turned = np.exp(4j * np.pi * profiles.centre_hz / SPEED_OF_LIGHT_M_S * distance)
         gain = np.ones(grid.shape)
         if beamwidth_rad is not None:
             gain = two_way_gain(antenna, grid, beamwidth_rad, depression_rad)
-        for c, weight in enumerate(pulses.weights[:, n]):
-            sample = (pulses.values[c, n].astype(np.complex128)[bins] * filters).sum(axis=-1)
-            total[c] += np.where(inside, weight * gain * sample * turned, np.nan)
-            gain_total[c] += weight * gain**2
+        for pair, channels in channel_groups(profiles):
+            distance = range_to(antenna, pair, places)
+            seen, turns = distance, 2 * profiles.centre_hz / SPEED_OF_LIGHT_M_S * distance
+            if moving.modelled and pulses.velocity_m_s is not None:
+                radial = radial_velocity(antenna, pulses.velocity_m_s[n], pair, places)
+                seen, turns = apparent_range(distance, radial, profiles.centre_hz, moving.slope_hz_s)
+            place = (seen - pulses.start_m[n]) / step
+            # NaN places (where a grid has none) read bin 0 and stay NaN by their phase.
+            first = np.floor(np.nan_to_num(np.clip(place, -taps, bins + taps))).astype(np.int64) - (taps // 2 - 1)
+            inside = (first >= 0) & (first + taps <= bins)
+            read = np.where(inside, first, 0)[..., None] + np.arange(taps)
+            filters = tap_weights(interpolator, place - np.floor(place), oversampling)
+            turned = np.exp(2j * np.pi * turns)
+            for c in channels:
+                weight = pulses.weights[c, n]
+                sample = (pulses.values[c, n].astype(np.complex128)[read] * filters).sum(axis=-1)
+                total[c] += np.where(inside, weight * gain * sample * turned, np.nan)
+                gain_total[c] += weight * gain**2
     with np.errstate(invalid="ignore", divide="ignore"):
         image: NDArray[np.complex128] = np.where(gain_total > 0, total / gain_total, np.nan)
     return image
@@ -125,7 +139,7 @@ def distance_m(antenna_m: NDArray[np.float64], grid: ImageGrid) -> NDArray[np.fl
     return distance
 
 
-def _checked_taps(profiles: RangeProfiles, grid: ImageGrid, interpolator: str) -> int:
+def _checked_taps(profiles: RangeProfiles, grid: Grid, interpolator: str) -> int:
     taps = taps_of(interpolator)
     check_grid(grid)
     if len(profiles.range_m) < taps:
@@ -134,16 +148,3 @@ def _checked_taps(profiles: RangeProfiles, grid: ImageGrid, interpolator: str) -
             "keep a longer range axis",
         )
     return taps
-
-
-def check_grid(grid: ImageGrid) -> None:
-    """Refuse a grid without pixels or with places that are not finite.
-
-    Raises:
-        DataError: the grid is empty or not finite.
-    """
-    axes = np.asarray(grid.x_m), np.asarray(grid.y_m)
-    if any(axis.ndim != 1 or not axis.size or not np.isfinite(axis).all() for axis in axes):
-        raise DataError("the image grid is empty or not finite", "give at least one finite x and one finite y")
-    if not np.isfinite(grid.z_m):
-        raise DataError("the image plane's height is not finite", "give the ground's z in metres")

@@ -26,8 +26,8 @@ from processing.errors import DataError
 from processing.radar.antenna import pattern_exponent
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S, RangeProfiles
 from processing.sar.aperture import EvenTrack, Pulses, even_track, two_way_gain, usable_pulses, widest_angle_rad
-from processing.sar.backprojection import check_grid, distance_m
-from processing.sar.grid import ImageGrid
+from processing.sar.backprojection import distance_m
+from processing.sar.grid import ImageGrid, check_grid
 from processing.sar.interpolation import tap_weights
 from processing.sar.stolt import stolt
 
