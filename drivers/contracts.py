@@ -64,6 +64,15 @@ class Radar(Device, Protocol):
 
 
 @runtime_checkable
+class GaplessRadar(Protocol):
+    """What a radar that can record one block after another without a gap also has."""
+
+    def begin_stream(self, frames: int) -> None:
+        """Ask for blocks of ``frames`` frames, each beginning with the frame after the last one's, all sampled after
+        this call. :meth:`Radar.poll` returns each once it is whole; :meth:`Radar.cancel` ends it."""
+
+
+@runtime_checkable
 class Trolley(Device, Protocol):
     """The trolley on the rail; x = 0 at the aperture's centre, increasing to the right as seen by the radar."""
 
@@ -71,8 +80,11 @@ class Trolley(Device, Protocol):
     def limits_m(self) -> tuple[float, float]:
         """Smallest and largest x that may be asked for."""
 
-    def start_move(self, x_m: float) -> None:
-        """Begin to move; returns at once. Raises :class:`DeviceRefused` outside the limits or in alarm."""
+    def start_move(self, x_m: float, speed_m_s: float | None = None) -> None:
+        """Begin to move, at a constant speed where one is given (else at the trolley's own); returns at once.
+
+        Raises :class:`DeviceRefused` outside the limits or in alarm, or where a speed cannot be kept (by hand).
+        """
 
     def poll(self) -> TrolleyFix:
         """Present position. ``moving`` stays True until the trolley stands at its target."""

@@ -36,6 +36,11 @@ class _Request:
     first: int = 0
     t_ns: int = 0
     lost: int = 0
+    gapless: bool = False
+    follows: bool = False
+    """Whether a record of the same request was collected right before."""
+    whole: deque[AudioBlock] = field(default_factory=deque)
+    """Records of a gapless request that wait to be fetched."""
 
 
 class SceneRadar:
@@ -166,21 +171,43 @@ class SceneRadar:
         self._newest, self._alive_ns = (first - self._origin, t_ns), time.monotonic_ns()
         self._recent.append(samples)
         request = self._request
-        if request is None or request.filled >= request.frames:
-            return
+        while request is not None and len(samples) and request.filled < request.frames:
+            used = self._fill(request, samples, first, t_ns, missing)
+            # What is missing lies before the block's first frame.
+            samples, first, missing = samples[used:], first + used, 0
+            t_ns += round(used / self._options.sample_rate_hz * 1e9)
+            if not request.gapless or request.filled < request.frames:
+                return
+            request.whole.append(self._block(request))
+            request.pieces, request.filled, request.lost, request.follows = [], 0, 0, True
+
+    def _fill(self, request: _Request, samples: NDArray[np.int16], first: int, t_ns: int, missing: int) -> int:
+        """Take what a request needs from a block's beginning; return how many of its frames are done with."""
         rate = self._options.sample_rate_hz
         skip = 0
-        if request.filled:
+        if request.filled or request.follows:
             request.lost += missing
-        else:
-            skip = max(math.ceil((request.since_ns - t_ns) * 1e-9 * rate), 0)
+        if not request.filled:
+            skip = 0 if request.follows else max(math.ceil((request.since_ns - t_ns) * 1e-9 * rate), 0)
             if skip >= len(samples):
-                return
+                return len(samples)
             request.first = first + skip - self._origin
             request.t_ns = t_ns + round(skip / rate * 1e9)
         piece = samples[skip : skip + request.frames - request.filled]
         request.pieces.append(piece)
         request.filled += len(piece)
+        return skip + len(piece)
+
+    def _block(self, request: _Request) -> AudioBlock:
+        rate = self._options.sample_rate_hz
+        return AudioBlock(
+            samples=np.concatenate(request.pieces),
+            sample_rate_hz=rate,
+            first_frame=request.first,
+            t_device_s=request.first / rate,
+            t_host_ns=request.t_ns,
+            lost_frames=request.lost,
+        )
 
     # -- the contract -------------------------------------------------------------------------------------------------
 
@@ -200,6 +227,16 @@ class SceneRadar:
         Raises:
             DeviceRefused: ``frames`` is not positive, or a record is under way. DeviceLost: the simulator is gone.
         """
+        self._begin(frames, gapless=False)
+
+    def begin_stream(self, frames: int) -> None:
+        """Ask for records of ``frames`` frames, one after another without a gap, until :meth:`cancel`.
+
+        Raises as :meth:`begin`.
+        """
+        self._begin(frames, gapless=True)
+
+    def _begin(self, frames: int, *, gapless: bool) -> None:
         now_ns = time.monotonic_ns()
         self._require_running()
         if frames <= 0:
@@ -207,7 +244,7 @@ class SceneRadar:
         with self._lock:
             if self._request is not None:
                 raise DeviceRefused("a record is under way", where=self._where, advice="cancel it first")
-            self._request = _Request(now_ns, frames)
+            self._request = _Request(now_ns, frames, gapless=gapless)
 
     def poll(self) -> AudioBlock | None:
         """The record asked for once it is whole, else None.
@@ -217,17 +254,11 @@ class SceneRadar:
         """
         with self._lock:
             request = self._request
+            if request is not None and request.whole:
+                return request.whole.popleft()
             if request is not None and request.filled >= request.frames:
                 self._request = None
-                rate = self._options.sample_rate_hz
-                return AudioBlock(
-                    samples=np.concatenate(request.pieces),
-                    sample_rate_hz=rate,
-                    first_frame=request.first,
-                    t_device_s=request.first / rate,
-                    t_host_ns=request.t_ns,
-                    lost_frames=request.lost,
-                )
+                return self._block(request)
         if request is not None:
             self._require_running()
         return None

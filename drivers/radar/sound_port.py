@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
 from drivers.options import checked
 from drivers.radar import pace, portaudio
+from drivers.radar.collecting import Collecting
 from drivers.radar.devices import ALSA, JACK, SoundCard, find_device, resampled
 from drivers.radar.health import SignalHealth, examine_signal, level_of
 from drivers.radar.ring import SampleRing
@@ -30,18 +31,6 @@ from drivers.records import AudioBlock, ClockFix, Identity, Level
 
 CHANNELS = 2
 SETTLE_TIMEOUT_S = 4.0
-
-
-@dataclass
-class _Request:
-    """A record being collected: frames as received from ``first`` on; ``skipped`` were overwritten before they came."""
-
-    first: int
-    samples: NDArray[np.generic]
-    after_ns: int | None = None
-    """Host time after which all of it must have been sampled; None where the device knows no time."""
-    filled: int = 0
-    skipped: int = 0
 
 
 class SoundPort:
@@ -90,7 +79,7 @@ class SoundPort:
         self._next_arrival = 0
         self._ended, self._closing = threading.Event(), threading.Event()
         self._released, self._holding = 0, False
-        self._request: _Request | None = None
+        self._request: Collecting | None = None
         self._longest_callback_ns = 0
 
     # -- opening and closing ------------------------------------------------------------------------------------------
@@ -130,7 +119,6 @@ class SoundPort:
         self._request = None
         self._longest_callback_ns = 0
         self._ended = ended = threading.Event()
-
         self._closing = closing = threading.Event()
         self._released, self._holding = 0, False
 
@@ -265,6 +253,16 @@ class SoundPort:
             DeviceRefused: ``frames`` is not positive or does not fit into memory, or a record is under way.
             DeviceLost, DeviceTimeout: the port is gone or stalled.
         """
+        self._begin(frames, gapless=False)
+
+    def begin_stream(self, frames: int) -> None:
+        """Ask for records of ``frames`` frames, one after another without a gap, until :meth:`cancel`.
+
+        Whoever asks polls at least as often as ``ring_s`` says, or frames are missing. Raises as :meth:`begin`.
+        """
+        self._begin(frames, gapless=True)
+
+    def _begin(self, frames: int, *, gapless: bool) -> None:
         now_ns = time.monotonic_ns()
         with self._lock:
             if self._request is not None:
@@ -283,7 +281,17 @@ class SoundPort:
                     where=self._where,
                     advice="record fewer sweeps at a time",
                 ) from None
-            self._request = _Request(first, samples, now_ns + guard_ns if paced else None)
+            self._request = Collecting(
+                self._ring,
+                self._clock,
+                first,
+                samples,
+                sample_rate_hz=self._options.sample_rate_hz,
+                after_ns=now_ns + guard_ns if paced else None,
+                # Half of the guard is left for the clock's own scatter, which is some milliseconds.
+                margin_ns=guard_ns // 2,
+                gapless=gapless,
+            )
 
     def poll(self) -> AudioBlock | None:
         """The record asked for, once it is whole and it is known whether frames are missing in it; else None.
@@ -297,61 +305,16 @@ class SoundPort:
             if request is None:
                 return None
             self._take_in()
-            self._collect(request)
-            end = request.first + request.skipped + len(request.samples)
-            if request.filled < len(request.samples) or self._clock.confirmed < end:
-                return None
-            if self._began_early(request):
-                return None
-            self._request = None
-            clock, rate = self._clock, self._options.sample_rate_hz
-            counted = request.first + clock.lost_before(request.first)
-            return AudioBlock(
-                samples=request.samples,
-                sample_rate_hz=rate,
-                first_frame=counted,
-                t_device_s=counted / rate,
-                t_host_ns=clock.arrival_ns(request.first),
-                lost_frames=clock.lost_within(request.first, end) + request.skipped,
-                overflow=clock.flagged_within(request.first, end),
-            )
-
-    def _began_early(self, request: _Request) -> bool:
-        """Whether the record holds frames from before it was asked for; it is then collected anew from later ones.
-
-        The clock's line only becomes known from arrivals: when all of them were late so far (a stream that began under
-        load) and then catch up, frames turn out to have been sampled earlier than they seemed.
-        """
-        if request.after_ns is None:
-            return False
-        # Half of the guard is left for the line's own scatter, which is some milliseconds.
-        margin_ns = round(self._options.guard_s * 1e9 / 2)
-        if self._clock.arrival_ns(request.first) >= request.after_ns - margin_ns:
-            return False
-        first = self._clock.first_frame_after(request.after_ns)
-        self._request = _Request(first, np.zeros_like(request.samples), request.after_ns)
-        return True
+            block = request.take()
+            self._released = max(self._released, request.following)
+            if block is not None and not request.gapless:
+                self._request = None
+            return block
 
     def cancel(self) -> None:
-        """Forget the record asked for."""
+        """Forget the record asked for, and those that would follow it."""
         with self._lock:
             self._request = None
-
-    def _collect(self, request: _Request) -> None:
-        """Move what has arrived from the ring into the record."""
-        while request.filled < len(request.samples):
-            following = request.first + request.skipped + request.filled
-            frames = min(self._ring.written - following, len(request.samples) - request.filled)
-            if frames <= 0:
-                return
-            piece = self._ring.read(following, frames)
-            if piece is None:
-                # Nobody polled for longer than the ring holds: those frames are missing inside the record.
-                request.skipped += max(self._ring.oldest + self._ring.capacity // 4 - following, 1)
-                continue
-            request.samples[request.filled : request.filled + frames] = piece
-            request.filled += frames
-            self._released = following + frames
 
     def _take_in(self) -> None:
         """Hand new arrivals to the clock; raise when the stream has ended or stalled."""

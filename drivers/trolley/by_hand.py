@@ -16,6 +16,16 @@ from drivers.options import checked
 from drivers.records import Identity, TrolleyFix
 
 
+def refuse_speed(speed_m_s: float | None, where: str) -> None:
+    """Refuse a constant speed for a trolley that a person pushes. Raises :class:`DeviceRefused`."""
+    if speed_m_s is not None:
+        raise DeviceRefused(
+            f"nobody pushes a trolley at just {speed_m_s:g} m/s",
+            where=where,
+            advice="leave out the plan's speed_m_s: the positions are read from an encoder",
+        )
+
+
 class HandTrolley:
     """Driver ``by_hand``: asks the operator to push the trolley and waits for the confirmation."""
 
@@ -47,12 +57,13 @@ class HandTrolley:
         """Nothing to connect to. The position is unknown until the first move is confirmed."""
         return Identity("trolley", "by_hand", "operator", f"marks met within {self._options.sd_m * 1e3:g} mm")
 
-    def start_move(self, x_m: float) -> None:
+    def start_move(self, x_m: float, speed_m_s: float | None = None) -> None:
         """Ask the operator to push the trolley to ``x_m``; an earlier request is taken back.
 
         Raises:
-            DeviceRefused: outside the rail.
+            DeviceRefused: outside the rail, or a speed is asked for.
         """
+        refuse_speed(speed_m_s, "hand trolley")
         low, high = self.limits_m
         if not low <= x_m <= high:
             raise DeviceRefused(

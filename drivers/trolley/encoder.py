@@ -22,6 +22,7 @@ from drivers.errors import DeviceBadAnswer, DeviceError, DeviceLost, DeviceRefus
 from drivers.options import checked
 from drivers.records import Identity, TrolleyFix
 from drivers.transport import SerialLine
+from drivers.trolley.by_hand import refuse_speed
 from drivers.trolley.encoder_protocol import parse_line
 from drivers.trolley.encoder_track import EncoderTrack, Jump, Scale
 
@@ -130,12 +131,13 @@ class EncoderTrolley:
         detail = f"{options.counts_per_m:g} counts per metre, x = {self._start_x_m:+.4f} m at its {reference}"
         return Identity("trolley", "encoder", "encoder", detail)
 
-    def start_move(self, x_m: float) -> None:
+    def start_move(self, x_m: float, speed_m_s: float | None = None) -> None:
         """Ask the operator to push the trolley to ``x_m``; an earlier request is taken back.
 
         Raises:
-            DeviceRefused: outside the rail.
+            DeviceRefused: outside the rail, or a speed is asked for.
         """
+        refuse_speed(speed_m_s, self._line.where)
         low, high = self.limits_m
         if not low <= x_m <= high:
             raise DeviceRefused(

@@ -77,7 +77,8 @@ class GrblTrolley:
         self._state_lock = threading.RLock()
         self._limits_m = (-half, half)
         self._step_m = 0.0
-        self._feed_m_s = options.feed_m_s
+        self._feed_m_s = self._speed_m_s = options.feed_m_s
+        self._limit_m_s = math.inf
         self._can_home = False
         self._fix: TrolleyFix | None = None
         self._move = MoveWatch(self._line.where, options.stall_s)
@@ -108,13 +109,17 @@ class GrblTrolley:
                 self._line.close()
                 raise
 
-    def start_move(self, x_m: float) -> None:
+    def start_move(self, x_m: float, speed_m_s: float | None = None) -> None:
         """Begin to move to ``x_m`` (with ``home_first``, begin to home where that is still to be done, then move).
 
+        Args:
+            x_m: where to, m.
+            speed_m_s: constant speed between the ramps, m/s; ``feed_m_s`` if left out.
+
         Raises:
-            DeviceRefused: outside the limits, in alarm, or the controller refused the line.
+            DeviceRefused: outside the limits (also of speed), in alarm, or the controller refused the line.
         """
-        self._check_limits(x_m)
+        self._check_limits(x_m, speed_m_s)
         with self._state_lock, self._line.exchange():
             if self._homing:
                 self._after_homing_m = x_m
@@ -122,7 +127,7 @@ class GrblTrolley:
                 self.start_homing()
                 self._after_homing_m = x_m
             else:
-                self._go(f"G21 G90 G53 G1 {self._options.axis}", x_m, self._feed_m_s)
+                self._go(f"G21 G90 G53 G1 {self._options.axis}", x_m, speed_m_s or self._feed_m_s)
 
     def start_jog(self, x_m: float, speed_m_s: float | None = None) -> None:
         """Begin to move by hand control: as :meth:`start_move`, at a speed of its own; end it with :meth:`stop`.
@@ -272,6 +277,7 @@ class GrblTrolley:
             self._finish_stop(time.monotonic() + self._options.timeout_s)
         machine_mm = self._options.direction * (x_m - self._origin_m) * 1e3
         self._line.command(f"{command}{machine_mm:z.3f} F{speed_m_s * 6e4:.1f}")
+        self._speed_m_s = speed_m_s
         self._move.begin(x_m, self._options.length_m / speed_m_s + self._options.move_margin_s)
         self._fix = None
 
@@ -319,7 +325,8 @@ class GrblTrolley:
         if steps_per_mm := settings.get(100 + axis):
             self._step_m = 1e-3 / abs(steps_per_mm)
         limit_m_s = settings.get(110 + axis, math.inf) / 6e4
-        self._feed_m_s = min(options.feed_m_s, limit_m_s) if limit_m_s > 0 else options.feed_m_s
+        self._limit_m_s = limit_m_s if limit_m_s > 0 else math.inf
+        self._feed_m_s = self._speed_m_s = min(options.feed_m_s, self._limit_m_s)
         self._can_home = bool(settings.get(22))
         low, high = -options.length_m / 2, options.length_m / 2
         if settings.get(20) and (travel_mm := settings.get(130 + axis)):
@@ -351,11 +358,15 @@ class GrblTrolley:
             self._line.reset()
             self._alarm = None
 
-    def _check_limits(self, x_m: float) -> None:
+    def _check_limits(self, x_m: float, speed_m_s: float | None = None) -> None:
         low, high = self.limits_m
         if not low <= x_m <= high:
             raise self._line.refused(
                 f"x = {x_m:g} m is outside the rail ({low:g} to {high:g} m)", "ask for a position on the rail"
+            )
+        if speed_m_s is not None and not 0 < speed_m_s <= self._limit_m_s:
+            raise self._line.refused(
+                f"{speed_m_s:g} m/s is not within its limit of {self._limit_m_s:g} m/s ($110)", "plan a lower speed"
             )
 
     # What the answers mean
@@ -377,7 +388,7 @@ class GrblTrolley:
 
     def _sd_m(self, moving: bool, round_trip_s: float) -> float:
         """Uniform over the tolerance and one step; under way also over the distance covered in one round trip."""
-        blur_m = self._feed_m_s * round_trip_s if moving else 0.0
+        blur_m = self._speed_m_s * round_trip_s if moving else 0.0
         return math.sqrt(self._options.tolerance_m**2 / 3 + (self._step_m**2 + blur_m**2) / 12)
 
     def _judge(self, report: Report, x_m: float) -> bool:

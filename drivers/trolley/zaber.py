@@ -95,7 +95,7 @@ class ZaberTrolley:
         self._lock = threading.RLock()
         self._connection: Any = None
         self._axis: Any = None
-        self._speed_m_s = options.feed_m_s or 0.1
+        self._own_m_s = self._speed_m_s = options.feed_m_s or 0.1
         self._move = MoveWatch(self._where, options.stall_s)
         self._homing = False
         self._homing_deadline_s = 0.0
@@ -140,8 +140,13 @@ class ZaberTrolley:
                 self.close()
                 raise
 
-    def start_move(self, x_m: float) -> None:
+    def start_move(self, x_m: float, speed_m_s: float | None = None) -> None:
         """Begin to move to ``x_m`` (a stage without a reference begins to home, then moves).
+
+        Args:
+            x_m: where to, m.
+            speed_m_s: constant speed between the ramps, m/s (firmware 7.25 or later); left out: ``feed_m_s``, or the
+                stage's own.
 
         Raises:
             DeviceRefused: outside the limits, or the stage refused.
@@ -160,7 +165,7 @@ class ZaberTrolley:
                     self.start_homing()
                 self._after_homing_m = x_m
             else:
-                self._go(x_m)
+                self._go(x_m, speed_m_s)
 
     def start_homing(self) -> None:
         """Begin to seek the home sensor; :meth:`poll` shows ``moving`` until it is found. Raises as a move."""
@@ -168,7 +173,7 @@ class ZaberTrolley:
             self._ask("home")
             self._move.end()
             self._homing, self._stopping, self._after_homing_m = True, False, None
-            longest_s = self._options.length_m / self._speed_m_s + self._options.move_margin_s
+            longest_s = self._options.length_m / self._own_m_s + self._options.move_margin_s
             self._homing_deadline_s = time.monotonic() + longest_s
 
     def poll(self) -> TrolleyFix:
@@ -245,7 +250,7 @@ class ZaberTrolley:
             )
         if options.feed_m_s is None:
             native = self._number(self._ask("get maxspeed").data, "get maxspeed")
-            self._speed_m_s = max(native / SPEED_UNIT * options.microstep_m, 1e-4)
+            self._own_m_s = self._speed_m_s = max(native / SPEED_UNIT * options.microstep_m, 1e-4)
         referenced = self._referenced()
         if not referenced and not options.home_first:
             raise self._refused("the stage has no reference", "home it, or set home_first = true")
@@ -253,14 +258,14 @@ class ZaberTrolley:
         stands = f"x = {x_m:+.4f} m" if referenced else "to be homed before its first move"
         return Identity("trolley", "zaber", f"Zaber device {number}", f"firmware {version}, {stands}")
 
-    def _go(self, x_m: float) -> None:
+    def _go(self, x_m: float, speed_m_s: float | None = None) -> None:
         position = round(self._options.direction * (x_m - self._origin_m) / self._options.microstep_m)
         position = min(max(position, self._ends[0]), self._ends[1])
-        speed = ""
-        if self._options.feed_m_s is not None:
-            speed = f" {round(self._options.feed_m_s / self._options.microstep_m * SPEED_UNIT)}"
+        asked_m_s = speed_m_s or self._options.feed_m_s
+        speed = "" if asked_m_s is None else f" {round(asked_m_s / self._options.microstep_m * SPEED_UNIT)}"
         self._ask(f"move abs {position}{speed}")
         self._stopping = False
+        self._speed_m_s = asked_m_s or self._own_m_s
         self._move.begin(x_m, self._options.length_m / self._speed_m_s + self._options.move_margin_s)
 
     def _judge(self, x_m: float, idle: bool, flag: str) -> bool:

@@ -10,8 +10,8 @@ Flat, every dataset declared before the first record::
     frames            (n,)  FRAMES             one row for each image
     trolley, switches, polarizer, source_polarizer, clocks, notes, events
 
-Version 2 (additions, see :mod:`polfuse_lab.session.versions`): fixes taken while something was recorded carry the number of that record; a
-polarizer at the light source; flags of frames.
+Version 2 (see :mod:`polfuse_lab.session.versions`) added ``record`` to fixes (what they were taken during), the
+polarizer at the light source, and flags of frames.
 
 Tables are stored uncompressed, so that a row is appended in place; audio and images are compressed, one chunk for one
 write, since rewriting a compressed chunk leaves its old copy behind and lets the file grow many times over.
