@@ -9,6 +9,7 @@ import faulthandler
 import os
 import signal
 import sys
+import traceback
 from pathlib import Path
 
 import msgspec
@@ -25,13 +26,13 @@ from polfuse_lab.scheduler import Scheduler
 
 
 def main(directory: Path) -> None:
-    """Carry out the request in ``directory``, then remove it."""
+    """Carry out the request in ``directory``."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     request = msgspec.msgpack.decode((directory / REQUEST).read_bytes(), type=protocol.Request)
     (directory / REQUEST).unlink()
     rig = parse_model(request.rig_toml, Rig, request.rig_path)
     plan = parse_model(request.plan_toml, Plan, request.plan_path)
-    guard = Guard(request.rig_toml, request.rig_path)
+    guard = Guard(request.rig_toml, request.rig_path, directory)
     live = LivePipeline(rig)
     recorder = WriterProcess(Path(request.output))
     scheduler = Scheduler(
@@ -66,8 +67,11 @@ if __name__ == "__main__":
     try:
         main(private)
         code = 0
-    finally:
         remove(private)
+    except BaseException:
+        # To the log, which the client quotes; it or the guard removes the directory then.
+        traceback.print_exc()
+    finally:
         sys.stderr.flush()
         # A driver that hangs in native code must not keep the engine from ending.
         os._exit(code)

@@ -130,8 +130,10 @@ class EngineClient:
                 self._send(protocol.Detach())
         if newest is None and self._lost() and not self._socket.poll(300):
             # Its last word would have arrived by now.
+            words = self._last_words()
+            directories.remove(self.directory)
             raise PolfuseError(
-                f"the engine's process ended unexpectedly ({self._last_words()})",
+                f"the engine's process ended unexpectedly ({words})",
                 where="engine",
                 advice="the writer closes the session by itself: look at it with 'polfuse info'",
             )
@@ -241,10 +243,13 @@ class EngineClient:
 
     def _last_words(self) -> str:
         try:
-            lines = (self.directory / directories.LOG).read_text(errors="replace").strip().splitlines()
+            text = (self.directory / directories.LOG).read_text(errors="replace")
         except OSError:
             return "it left no message"
-        return lines[-1] if lines else "it left no message"
+        # What the guard has done since is no reason; of a crash in native code the first line tells what it was.
+        lines = [line for line in text.splitlines() if line.strip() and not line.startswith("guard: ")]
+        fatal = [line for line in lines if line.startswith("Fatal Python error")]
+        return (fatal or lines or ["it left no message"])[-1]
 
 
 def running_engines() -> list[Path]:

@@ -3,7 +3,8 @@
 The engine holds the other end of the guard's standard input. As long as it lives, the guard only waits. When the pipe
 closes after a goodbye, the guard ends; when it closes without one (the engine was killed, or crashed), the guard opens
 the switches and the trolley by the same drivers and options, brings them to their safe state and closes them again.
-Whatever else the engine held (camera, sound card) is released by its end itself.
+Whatever else the engine held (camera, sound card) is released by its end itself. Last, the guard removes the engine's
+private directory, once a client has had the time to read the log in it.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from typing import Any
 
 from drivers import registry
 from drivers.errors import DeviceError, DeviceLost
+from polfuse_lab.engine.directory import remove
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.rig import Rig, driver_options, parse_model
 
@@ -31,6 +33,8 @@ LIMIT_S = 10.0
 """Longest that the guard works on devices after the engine's end, s."""
 RETRY_S = 2.0
 """How long a port that is still in use is tried again: the system takes a dead process's ports back one by one."""
+CLEAN_UP_S = 3.0
+"""From the engine's end until its directory is removed: clients look every few tenths of a second."""
 _GOODBYE = b"goodbye\n"
 
 
@@ -40,9 +44,10 @@ class Guard:
     Args:
         rig_toml: text of the rig file.
         rig_path: where it came from, for messages.
+        directory: the engine's private directory, removed when the engine did not do it itself; None: nothing is.
     """
 
-    def __init__(self, rig_toml: str, rig_path: str) -> None:
+    def __init__(self, rig_toml: str, rig_path: str, directory: Path | None = None) -> None:
         # A session of its own: who kills the engine's process group does not kill the guard.
         self._process = subprocess.Popen(
             [sys.executable, "-m", "polfuse_lab.engine.guard"],
@@ -50,7 +55,8 @@ class Guard:
             stdout=subprocess.DEVNULL,
             start_new_session=True,
         )
-        self._say(json.dumps({"rig_toml": rig_toml, "rig_path": rig_path}).encode() + b"\n")
+        told = {"rig_toml": rig_toml, "rig_path": rig_path, "directory": None if directory is None else str(directory)}
+        self._say(json.dumps(told).encode() + b"\n")
 
     @property
     def pid(self) -> int:
@@ -174,9 +180,13 @@ def main() -> None:
             _make(rig, kind, path)
     if sys.stdin.buffer.read() == _GOODBYE:
         return
+    died_s = time.monotonic()
     for result in secure(rig, path):
         with contextlib.suppress(OSError):
             print(result, file=sys.stderr, flush=True)
+    if told["directory"] is not None:
+        time.sleep(max(died_s + CLEAN_UP_S - time.monotonic(), 0.0))
+        remove(Path(told["directory"]))
 
 
 if __name__ == "__main__":

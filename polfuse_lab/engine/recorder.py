@@ -16,6 +16,7 @@ from polfuse_lab.records import Record
 from polfuse_lab.session import wire
 from polfuse_lab.session.layout import SessionConfig
 from polfuse_lab.session.naming import partial_path
+from polfuse_lab.session.writer import discard_unborn
 
 QUEUE_BYTES = 128_000_000
 FLUSH_EVERY_S = 1.0
@@ -68,9 +69,11 @@ class WriterProcess:
         while not self._created.wait(0.02):
             if self.failure is not None:
                 self.kill()
+                discard_unborn(self.path)
                 raise self.failure
             if time.monotonic() > deadline:
                 self.kill()
+                discard_unborn(self.path)
                 raise PolfuseError("the writer's process did not start", where=str(self.path), advice="try again")
 
     @property

@@ -58,7 +58,10 @@ class Server:
     def finish(self, outcome: Outcome) -> None:
         """Tell the outcome, wait until every client has left (a few seconds at most), and end."""
         self._outcome = outcome
-        self._thread.join(LINGER_S + 2)
+        self._thread.join(LINGER_S + 8)
+        if self._thread.is_alive():
+            # ZeroMQ ends the process when a socket is closed under the thread that uses it.
+            return
         self._socket.close()
         self._context.term()
 

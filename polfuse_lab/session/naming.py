@@ -13,6 +13,11 @@ def partial_path(path: Path) -> Path:
     return path.with_name(path.name + ".partial")
 
 
+def unborn_path(path: Path) -> Path:
+    """Name of a session until all is declared in it: what is called ``.partial`` can always be opened."""
+    return path.with_name(f".{path.name}.new")
+
+
 def check_free_name(path: Path) -> None:
     """Check that a session can be written to ``path``. Raises :class:`PolfuseError` where it would touch a file."""
     partial = partial_path(path)
@@ -34,21 +39,33 @@ def taken(path: Path) -> PolfuseError:
 
 
 def move_without_replacing(partial: Path, path: Path) -> Path:
-    """Give ``partial`` the name ``path`` (or one with a number added) without ever replacing a file."""
+    """Give ``partial`` the name ``path`` (or one with a number added) without ever replacing a file.
+
+    Raises:
+        OSError: ``partial`` or its folder is gone, or nothing may be written there.
+        PolfuseError: thousands of such names are taken.
+    """
     target = path
     for number in range(1, 10_000):
         try:
-            os.link(partial, target)
+            rename_without_replacing(partial, target)
         except FileExistsError:
             target = path.with_name(f"{path.stem}-{number}{path.suffix}")
             continue
-        except OSError:
-            # A file system without hard links: nothing better than to look and then rename.
-            if target.exists():
-                target = path.with_name(f"{path.stem}-{number}{path.suffix}")
-                continue
-            os.rename(partial, target)
-            return target
-        partial.unlink()
         return target
     raise PolfuseError("every name like it is taken", where=str(path), advice=f"rename {partial.name} yourself")
+
+
+def rename_without_replacing(old: Path, new: Path) -> None:
+    """Rename a file. Raises FileExistsError where ``new`` is taken, and OSError as the system does."""
+    try:
+        os.link(old, new)
+    except FileExistsError:
+        raise
+    except OSError:
+        # A file system without hard links: nothing better than to look and then rename.
+        if new.exists():
+            raise FileExistsError(str(new)) from None
+        os.rename(old, new)
+    else:
+        old.unlink()

@@ -61,10 +61,18 @@ class Ballast:
         self._file: BinaryIO | None = None
 
     def take(self) -> None:
-        """Write the file. Raises :class:`PolfuseError` where there is no room for it."""
+        """Write the file. Raises :class:`PolfuseError` where there is no room for it, or another writer holds it."""
         try:
-            self._file = open(self.path, "wb")  # noqa: SIM115 - held, and locked, as long as the session is written
-            _lock(self._file)
+            # Not emptied before it is locked: another's may be there.
+            handle = os.open(self.path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
+            self._file = os.fdopen(handle, "wb")  # held, and locked, as long as the session is written
+            if not _lock(self._file):
+                self._file.close()
+                self._file = None
+                raise PolfuseError(
+                    "another collect is writing it", where=str(self.path), advice="choose another name for the session"
+                )
+            self._file.truncate(0)
             # Random bytes: a file system that compresses or leaves holes must hold them all the same.
             left = self._size
             while left > 0:
@@ -83,11 +91,20 @@ class Ballast:
         """Delete the file. Idempotent; never raises."""
         if self._file is None:
             return
+        file, self._file = self._file, None
+        # While it is still locked, so that nobody takes it over in between; else after that.
+        deleted = self._delete()
         with contextlib.suppress(OSError):
-            self._file.close()
-        self._file = None
-        with contextlib.suppress(OSError):
+            file.close()
+        if not deleted:
+            self._delete()
+
+    def _delete(self) -> bool:
+        try:
             self.path.unlink(missing_ok=True)
+        except OSError:
+            return False
+        return True
 
 
 def ballast_path(session: Path) -> Path:
@@ -109,8 +126,14 @@ def in_use(ballast: Path) -> bool:
     return False
 
 
-def _lock(file: BinaryIO) -> None:
+def _lock(file: BinaryIO) -> bool:
+    """Lock for as long as it is open; False when another process holds it."""
     if fcntl is not None:
-        # A file system without locks: the writer goes unannounced, and nothing else suffers.
-        with contextlib.suppress(OSError):
+        try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        except OSError:
+            # A file system without locks: the writer goes unannounced, and nothing else suffers.
+            return True
+    return True

@@ -20,8 +20,15 @@ from polfuse_lab.errors import PolfuseError
 from polfuse_lab.records import Event, Exposure, Note, Observed, Record, SourceFix, Sweeps
 from polfuse_lab.session import layout
 from polfuse_lab.session.layout import SessionConfig
-from polfuse_lab.session.naming import check_free_name, move_without_replacing, partial_path, taken
-from polfuse_lab.session.space import Ballast, ballast_path, free_bytes, is_disk_full, require_free
+from polfuse_lab.session.naming import (
+    check_free_name,
+    move_without_replacing,
+    partial_path,
+    rename_without_replacing,
+    taken,
+    unborn_path,
+)
+from polfuse_lab.session.space import Ballast, ballast_path, free_bytes, in_use, is_disk_full, require_free
 
 MIN_BALLAST_BYTES = 2_000_000
 
@@ -72,13 +79,12 @@ class SessionWriter:
         ballast = Ballast(ballast_path(path), size)
         ballast.take()
         try:
-            file = _declare(partial, config)
+            file = _declare(unborn_path(path), partial, config)
         except FileExistsError as error:
             ballast.free()
             raise taken(partial) from error
         except (OSError, RuntimeError, PolfuseError) as error:
             ballast.free()
-            partial.unlink(missing_ok=True)
             if isinstance(error, PolfuseError):
                 raise
             raise PolfuseError(
@@ -139,13 +145,13 @@ class SessionWriter:
         self._ballast.free()
         try:
             self._end(file, state, reason)
+            self.path = move_without_replacing(self.partial, self.path)
         except (OSError, RuntimeError) as error:
             raise PolfuseError(
                 f"could not be closed ({error})",
                 where=str(self.partial),
                 advice=f"free some space, then run 'polfuse recover {self.partial.name} -o NEW.h5'",
             ) from error
-        self.path = move_without_replacing(self.partial, self.path)
         return self.path
 
     def __enter__(self) -> SessionWriter:
@@ -297,9 +303,24 @@ class SessionWriter:
         dataset[number] = np.array(values, dtype=dataset.dtype)
 
 
-def _declare(partial: Path, config: SessionConfig) -> h5py.File:
+def discard_unborn(path: Path) -> None:
+    """Remove what a writer that was killed before its session had begun left; one that has begun is left alone."""
+    if partial_path(path).exists() or in_use(ballast_path(path)):
+        return
+    for left in (unborn_path(path), ballast_path(path)):
+        with contextlib.suppress(OSError):
+            left.unlink(missing_ok=True)
+
+
+def _declare(unborn: Path, partial: Path, config: SessionConfig) -> h5py.File:
+    """Declare everything, and only then give the file its name: one killed before that cannot be opened."""
+    if os.name == "nt":
+        unborn = partial  # open files cannot be renamed there
+    else:
+        # A writer killed here may have left one; the ballast's lock says that none is at it now.
+        unborn.unlink(missing_ok=True)
     # Bounds of HDF5 1.10: the first that knows SWMR, and the one that most other programs can read.
-    file = h5py.File(partial, "x", libver=("v110", "v110"))
+    file = h5py.File(unborn, "x", libver=("v110", "v110"))
     try:
         file.attrs["schema"] = layout.SCHEMA
         file.attrs["version"] = layout.VERSION
@@ -314,7 +335,10 @@ def _declare(partial: Path, config: SessionConfig) -> h5py.File:
             layout.declare_table(file, name)
         file.flush()
         file.swmr_mode = True
+        if unborn != partial:
+            rename_without_replacing(unborn, partial)
     except BaseException:
         file.close()
+        unborn.unlink(missing_ok=True)
         raise
     return file
