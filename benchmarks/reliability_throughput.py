@@ -9,41 +9,24 @@ port, ring, records, frames out of shared memory) and the camera's.
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from benchmarks.counting_card import numbers
-from benchmarks.paced_camera import PacedCamera
+from benchmarks.full_rate import FRAME_HZ, RATE_HZ, counting_card, cpu_seconds, paced_camera, sound_port, wire_camera
 from benchmarks.rows import Row
 from benchmarks.wire_camera import CYCLE, number_of
-from drivers.camera.genicam_setup import GenicamOptions
 from drivers.camera.process import CameraProcess
-from drivers.camera.producers import ARAVIS, aravis_producer
+from drivers.camera.producers import aravis_producer
 from drivers.radar.sound_port import SoundPort
 from drivers.records import Frame
 
-RATE_HZ = 192_000
-FRAME_HZ = 60.0
 RECORD_FRAMES = RATE_HZ // 2
 CPU_LIMIT = 0.60
 POLL_S = 0.002
 LONG_S, QUICK_S = 60.0, 10.0
-SHAPE = (582, 782)
-ADDRESS = "127.0.0.9"
-"""Of its own: the only port that a GigE camera can have may be in use on the others."""
-EXPOSURE_S = 0.001
-LINK_BITS_PER_S = 5e9
-"""5GigE. A gigabit would carry the rate, but not leave the time for a trigger to follow each frame."""
-PACKET_BYTES = 9000
-"""Jumbo frames, as a camera of this rate has them on a network card of its own."""
 WIRE, PACED = "GigE Vision over UDP, 5 Gbit/s, software trigger", "paced driver without a wire"
 
 
@@ -95,15 +78,8 @@ def run(quick: bool) -> list[Row]:
 def measure(seconds: float) -> Tally:
     """Take in audio and frames for so long."""
     wire = sys.platform.startswith("linux") and aravis_producer() is not None
-    with _card() as card, _wire_camera() if wire else _camera() as camera:
-        options = SoundPort.Options(
-            device=str(card["device"]),
-            environment=card["environment"],  # type: ignore[arg-type]
-            sample_rate_hz=RATE_HZ,
-            block_frames=RATE_HZ // 100,
-            guard_s=0.03,
-        )
-        radar = SoundPort(options)
+    with counting_card() as card, wire_camera() if wire else paced_camera() as camera:
+        radar = sound_port(card)
         radar.open()
         try:
             # The paced camera keeps its own time.
@@ -141,7 +117,7 @@ def _take(
     tally = Tally()
     offset: int | None = None
     assert camera.pid is not None
-    start, cpu_s = time.monotonic(), time.process_time() + _cpu_s(camera.pid)
+    start, cpu_s = time.monotonic(), time.process_time() + cpu_seconds(camera.pid)
     radar.begin(RECORD_FRAMES)
     triggers, waiting = 0, False
     next_frame: int | None = None
@@ -171,76 +147,7 @@ def _take(
         if frame is None and block is None:
             time.sleep(POLL_S)
     tally.seconds = elapsed
-    tally.cpu_s = time.process_time() + _cpu_s(camera.pid) - cpu_s
+    tally.cpu_s = time.process_time() + cpu_seconds(camera.pid) - cpu_s
     tally.samples_lost = max(tally.samples_lost, radar.lost_frames)
     tally.longest_callback_s = radar.longest_callback_s
     return tally
-
-
-def _cpu_s(pid: int) -> float:
-    """Processor time of another process so far, s (proc(5), fields utime and stime)."""
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-@contextmanager
-def _program(*words: str) -> Iterator[str]:
-    """A program of the benchmarks that runs until its standard input ends; yields the line that it begins with."""
-    root = Path(__file__).resolve().parent.parent
-    command = [sys.executable, "-m", *words]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=root)
-    assert process.stdin is not None
-    assert process.stdout is not None
-    try:
-        yield process.stdout.readline()
-    finally:
-        process.stdin.close()
-        process.wait(timeout=20)
-        process.stdout.close()
-
-
-@contextmanager
-def _card() -> Iterator[dict[str, object]]:
-    with _program("benchmarks.counting_card", str(RATE_HZ)) as told:
-        yield json.loads(told)
-
-
-@contextmanager
-def _wire_camera() -> Iterator[CameraProcess]:
-    """The camera on the wire, triggered by software."""
-    rows, columns = SHAPE
-    with _program("benchmarks.wire_camera", ADDRESS, str(rows), str(columns), str(LINK_BITS_PER_S)) as told:
-        options = GenicamOptions(
-            cti=ARAVIS,
-            addresses=(told.strip(),),
-            pixel_format="Mono16",
-            exposure_s=EXPOSURE_S,
-            packet_size_bytes=PACKET_BYTES,
-        )
-        camera = CameraProcess("harvesters", options)
-        try:
-            camera.open()
-            yield camera
-        finally:
-            camera.close()
-
-
-@contextmanager
-def _camera() -> Iterator[CameraProcess]:
-    """The paced camera in the camera process, offered as a plug-in by a distribution made for the occasion."""
-    root = str(Path(__file__).resolve().parent.parent)
-    with tempfile.TemporaryDirectory(prefix="polfuse-plugin-") as folder:
-        info = Path(folder) / "polfuse_paced_camera-1.dist-info"
-        info.mkdir()
-        (info / "METADATA").write_text("Metadata-Version: 2.1\nName: polfuse-paced-camera\nVersion: 1\n")
-        (info / "entry_points.txt").write_text("[polfuse_lab.camera]\npaced = benchmarks.paced_camera:PacedCamera\n")
-        paths = [path for path in (folder, root) if path not in sys.path]
-        sys.path[:0] = paths
-        camera = CameraProcess("paced", PacedCamera.Options(rate_hz=FRAME_HZ))
-        try:
-            camera.open()
-            yield camera
-        finally:
-            camera.close()
-            for path in paths:
-                sys.path.remove(path)
