@@ -223,7 +223,7 @@ class Actions:
                 return
             what = f"{block.lost_frames} audio frames were lost" if lost else "the switches moved during the record"
             if retry < self._plan.retries:
-                self._warn(f"position {step.position}, {step.channel.name}: {what}; taken again")
+                self.warn(f"position {step.position}, {step.channel.name}: {what}; taken again")
             if moved:
                 self._devices.call("switches", self._devices.switches.select, step.channel)
             flags = (flags & SweepFlag.REPEATED) | SweepFlag.RETRY
@@ -298,7 +298,7 @@ class Actions:
                         where="camera",
                         advice="check its network (jumbo frames, packet delay) and its cable",
                     )
-                self._warn(f"an incomplete camera frame at {math.degrees(step.angle_rad):.1f} deg was taken again")
+                self.warn(f"an incomplete camera frame at {math.degrees(step.angle_rad):.1f} deg was taken again")
         self._exposures[key] += 1
 
     def _auto_expose(self, step: AutoExpose) -> None:
@@ -335,7 +335,7 @@ class Actions:
         # The camera stands at the last exposure looked at, which is the one found.
         self._exposure_found = True
         if found.problem:
-            self._warn(f"automatic exposure: {found.problem}")
+            self.warn(f"automatic exposure: {found.problem}")
         text = f"exposure {found.exposure_s:g} s after {found.looks} frames"
         self._keep(Event("exposure", text, time.monotonic_ns()))
 
@@ -363,7 +363,8 @@ class Actions:
             self._devices.failed = kind
             raise DeviceTimeout(what, where=f"{kind} ({driver})", advice="check the device, its power and its cable")
 
-    def _warn(self, text: str) -> None:
+    def warn(self, text: str) -> None:
+        """Tell the user, and keep it in the session."""
         self.warnings = (*self.warnings, text)[-20:]
         self._keep(Event("warning", text, time.monotonic_ns()))
 

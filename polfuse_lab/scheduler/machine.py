@@ -197,7 +197,10 @@ class Scheduler:
         times = list(step_seconds(self._rig, planned))
         started, paused_s, expected_done = time.monotonic(), 0.0, 0.0
         index = checkpoint = 0
-        self._clocks.now()
+        try:
+            self._clocks.now()
+        except DeviceError as error:
+            self._recover(error, 0)
         while index < len(planned):
             if self.control.pausing:
                 before = time.monotonic()
@@ -229,7 +232,11 @@ class Scheduler:
             self._set(step=index)
             if isinstance(step, Checkpoint):
                 checkpoint = index
-        self._clocks.now()
+        try:
+            self._clocks.now()
+        except DeviceError as error:
+            # All has been recorded: a device that is lost now costs its last clock fix, not the collect.
+            self._actions.warn(f"the last clock fix is missing: {error}")
         self._flush()
         self._set(eta_s=0.0)
 
