@@ -47,7 +47,7 @@ from hw_mocks.world import World
 from polfuse_lab.engine import protocol
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.imports.riff import read_wav
-from polfuse_lab.plans import Plan
+from polfuse_lab.plans import parse_plan
 from polfuse_lab.records import Sweeps
 from polfuse_lab.rig import Rig
 from polfuse_lab.rig.toml_model import parse_model
@@ -297,11 +297,16 @@ def _files(folder: Path) -> Iterator[Target]:
     yield Target("WAV file", wav, (_wav(),), (PolfuseError,), 5)
     for name, model, paths in (
         ("rig file", Rig, [_EXAMPLES / "rig.toml", _EXAMPLES / "rig_by_hand.toml"]),
-        ("plan file", Plan, [_EXAMPLES / "plan.toml"]),
         ("scene file", SceneFile, sorted(_SCENES.glob("*.toml"))),
     ):
         seeds = tuple(path.read_bytes() for path in paths)
         yield Target(name, _toml(model), seeds, (PolfuseError,), 200 if model is SceneFile else 50)
+    plans = tuple(path.read_bytes() for path in sorted(_EXAMPLES.glob("*.toml")) if not path.name.startswith("rig"))
+    yield Target("plan file", _plan, plans, (PolfuseError,), 50)
+
+
+def _plan(data: bytes) -> None:
+    parse_plan(data.decode("utf-8", "replace"), "fuzz.toml")
 
 
 def _recovery(folder: Path) -> Target:

@@ -11,6 +11,13 @@ from typing import Any
 
 KINDS = ("switches", "radar", "trolley", "polarizer", "camera")
 
+_SAME_DRIVERS = {"source_polarizer": "polarizer"}
+
+
+def driver_kind(device: str) -> str:
+    """Kind of driver that serves a device of the rig file: the light source's polarizer is driven as the camera's."""
+    return _SAME_DRIVERS.get(device, device)
+
 
 def available(kind: str) -> list[str]:
     """Names of all installed drivers of a kind, sorted."""

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 from polfuse_lab.engine import Finished
 from polfuse_lab.plans import Plan
+from polfuse_lab.plans.listing import planned
 from polfuse_lab.products.checks import Check
 
 
 def collect_checks(outcome: Finished, plan: Plan) -> list[Check]:
     """Nothing lost, nothing missing."""
-    frames = 0 if plan.optics is None else len(plan.optics.angles_deg) * plan.optics.frames_per_angle
-    positions = len(plan.positions_m)
+    wanted = planned(plan.steps())
+    frames = wanted.frames + wanted.dark_frames
     return [
         Check("samples_lost", outcome.samples_lost, 0, 0, "", "Audio samples lost in the collect."),
         Check("frames_lost", outcome.frames_lost, 0, 0, "", "Camera frames lost in the collect."),
-        Check("positions", outcome.positions, positions, 0, "", "Positions along the rail, against the plan."),
+        Check("positions", outcome.positions, wanted.positions, 0, "", "Positions along the rail, against the plan."),
         Check(
             "sweep_records",
             outcome.sweeps,
-            positions * len(plan.channels),
+            len(wanted.records),
             0,
             "",
             "Audio records, one for each channel at each position.",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from polfuse_lab.plans import Plan
+from polfuse_lab.plans import RailSarPlan
 from polfuse_lab.products.checks import Check
 from polfuse_lab.rig import Waveform
 from processing.calibration.rcs import accuracy, dihedral_rcs, square_trihedral_rcs, to_dbsm
@@ -21,7 +21,7 @@ def thesis_checks() -> list[Check]:
     dihedral = float(to_dbsm(dihedral_rcs(edge_m, edge_m, WAVELENGTH_M)))
     measured = accuracy(31.05, 35.5)
     waveform = Waveform(centre_hz=2.4e9, bandwidth_hz=80e6, ramp_up_s=0.02, sweep_period_s=0.04)
-    positions = len(Plan(aperture_m=10 * FOOT_M, step_m=2 * FOOT_M / 12).positions_m)
+    positions = len(RailSarPlan(aperture_m=10 * FOOT_M, step_m=2 * FOOT_M / 12).positions_m)
     return [
         Check(
             "thesis_trihedral_rcs",

@@ -17,7 +17,7 @@ from polfuse_lab.scheduler.control import Control
 from polfuse_lab.scheduler.devices import OPEN_S, Device, DeviceSet, make_device, open_failure
 from polfuse_lab.scheduler.prompts import Prompts
 
-KINDS = ("radar", "switches", "trolley", "camera", "polarizer")
+KINDS = ("radar", "switches", "trolley", "camera", "polarizer", "source_polarizer")
 LISTEN_S = 2.0
 """Length of the piece that is judged, s: enough to tell mains hum from the sweeps."""
 PATIENCE_S = 10.0

@@ -33,7 +33,7 @@ def _found(name: str, ok: bool, detail: str, advice: str = "") -> Finding:
 
 def rig_ports(rig: Rig) -> dict[str, str]:
     """Serial ports that a rig names (not addresses such as ``socket://``), by the kind of device on each."""
-    sections = {kind: rig.section(kind) for kind in ("switches", "trolley", "polarizer")}
+    sections = {kind: rig.section(kind) for kind in ("switches", "trolley", "polarizer", "source_polarizer")}
     named = {kind: section.options.get("port") for kind, section in sections.items() if section is not None}
     return {kind: port for kind, port in named.items() if isinstance(port, str) and "://" not in port}
 

@@ -20,7 +20,7 @@ from polfuse_lab.engine.guard import Guard
 from polfuse_lab.engine.recorder import WriterProcess
 from polfuse_lab.engine.server import Server
 from polfuse_lab.live import LivePipeline
-from polfuse_lab.plans import Plan
+from polfuse_lab.plans import parse_plan
 from polfuse_lab.rig import Rig, parse_model
 from polfuse_lab.scheduler import Scheduler
 
@@ -31,7 +31,7 @@ def main(directory: Path) -> None:
     request = msgspec.msgpack.decode((directory / REQUEST).read_bytes(), type=protocol.Request)
     (directory / REQUEST).unlink()
     rig = parse_model(request.rig_toml, Rig, request.rig_path)
-    plan = parse_model(request.plan_toml, Plan, request.plan_path)
+    plan = parse_plan(request.plan_toml, request.plan_path)
     guard = Guard(request.rig_toml, request.rig_path, directory)
     live = LivePipeline(rig)
     recorder = WriterProcess(Path(request.output))

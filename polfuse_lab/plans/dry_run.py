@@ -2,40 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
-from polfuse_lab.plans.generate import steps
-from polfuse_lab.plans.model import Plan
-from polfuse_lab.plans.steps import (
-    AutoExpose,
-    Checkpoint,
-    Expose,
-    MoveTo,
-    RecordSweeps,
-    SelectChannel,
-    Settle,
-    Step,
-    TurnPolarizer,
-)
+from polfuse_lab.plans.base import Plan
+from polfuse_lab.plans.checks import outside_limits, problems
+from polfuse_lab.plans.costs import file_bytes, pass_blocks, record_frames, step_seconds, switch_cycles
+from polfuse_lab.plans.listing import Planned, planned
+from polfuse_lab.plans.steps import Ask, MoveTo, RecordPass, RecordSeconds, RecordSweeps, Step
 from polfuse_lab.rig import Rig
+from polfuse_lab.session.space import free_bytes
+from processing.sar.aperture import alias_free_angle_rad
 
-PERIOD_MARGIN = 1.06
-"""True sweep periods are up to 5 % off nominal; a record is made long enough for that."""
-EDGE_FRAMES = 64
-"""An edge of the sync is measured from samples on both sides of it, which must be in the record too."""
-LIMIT_TOLERANCE_M = 1e-6
-
-# What a step costs besides what the rig file says: exchanges with the device, guard time of the audio port, turning.
-_EXCHANGE_S = 0.03
-_AUDIO_GUARD_S = 0.1
-_FRAME_S = 0.05
-_TURN_S = 0.6
-_AUTO_FRAMES = 8
-_FILE_BYTES = 500_000
-_ROW_BYTES = 400
-_ITEM_BYTES = {"uint8": 1, "uint16": 2, "int16": 2, "int32": 4, "float32": 4}
+__all__ = ["DryRun", "dry_run", "record_frames", "step_seconds"]
 
 
 @dataclass(frozen=True)
@@ -44,72 +26,85 @@ class DryRun:
 
     steps: tuple[Step, ...]
     seconds: float
-    """Expected duration, s."""
+    """Expected duration, s, if operators answer at once."""
     bytes: int
     """Upper bound of the file's size (as if nothing could be compressed), bytes."""
     limits_ok: bool
     """Whether every position can be reached."""
     problems: tuple[str, ...]
     """Why the plan cannot be carried out with this rig, one sentence each; empty when it can."""
+    warnings: tuple[str, ...]
+    """What can be carried out and is perhaps not meant, one sentence each."""
+    planned: Planned
+    """What it leaves behind."""
+    records: int
+    """Audio records; those of a pass at its expected duration."""
+    switch_cycles: int
+    """Changes of the transfer switches."""
+    questions: int
+    """How often the operator is waited for."""
+    free_bytes: int | None
+    """Free space where the file will be written, bytes; None where no output was named."""
 
 
-def dry_run(rig: Rig, plan: Plan) -> DryRun:
-    """List, time, size and check a plan."""
-    listed = tuple(steps(plan, mosaic=rig.has_mosaic))
-    half = rig.trolley.length_m / 2
-    outside = [step.x_m for step in listed if isinstance(step, MoveTo) and abs(step.x_m) > half + LIMIT_TOLERANCE_M]
-    problems = []
-    if outside:
-        problems.append(
-            f"{len(outside)} positions are beyond the rail's {-half:g} .. {half:g} m (farthest"
-            f" {max(outside, key=abs):g} m): shorten aperture_m or correct trolley.length_m"
+def dry_run(rig: Rig, plan: Plan, *, output: Path | str | None = None) -> DryRun:
+    """List, time, size and check a plan.
+
+    Args:
+        rig: the rig that it is meant for.
+        plan: any plan.
+        output: the session file that it would be written to, for the free space there.
+    """
+    listed = tuple(plan.steps(mosaic=rig.has_mosaic))
+    found = problems(rig, listed)
+    size = file_bytes(rig, listed)
+    free: int | None = None
+    if output is not None:
+        try:
+            free = free_bytes(Path(output).resolve())
+        except OSError as error:
+            found.append(f"{output} cannot be written ({error.strerror}): choose a folder that is there")
+    if free is not None and size > free:
+        found.append(
+            f"the file takes up to {size / 1e6:.1f} MB and {free / 1e6:.1f} MB are free: write it to another disk"
         )
-    if plan.optics is not None and rig.camera is None:
-        problems.append("the plan has [optics] and the rig has no camera and polarizer: add them or leave it out")
-    return DryRun(listed, sum(step_seconds(rig, listed)), _bytes(rig, listed), not outside, tuple(problems))
+    return DryRun(
+        steps=listed,
+        seconds=sum(step_seconds(rig, listed)),
+        bytes=size,
+        limits_ok=not outside_limits(rig, listed),
+        problems=tuple(found),
+        warnings=tuple(_warnings(rig, listed)),
+        planned=planned(listed),
+        records=sum(
+            pass_blocks(rig, step) if isinstance(step, RecordPass) else 1
+            for step in listed
+            if isinstance(step, (RecordSweeps, RecordSeconds, RecordPass))
+        ),
+        switch_cycles=switch_cycles(listed),
+        questions=sum(isinstance(step, Ask) for step in listed),
+        free_bytes=free,
+    )
 
 
-def record_frames(rig: Rig, sweeps: int, sample_rate_hz: float) -> int:
-    """Audio frames that hold ``sweeps`` whole up-ramps wherever the record begins, for periods up to 6 % too long."""
-    return math.ceil((sweeps + 1) * rig.waveform.sweep_period_s * PERIOD_MARGIN * sample_rate_hz) + EDGE_FRAMES
-
-
-def step_seconds(rig: Rig, listed: Iterable[Step]) -> Iterator[float]:
-    """Expected duration of each step, s."""
-    x_m = 0.0
-    for step in listed:
-        match step:
-            case MoveTo():
-                yield abs(step.x_m - x_m) / rig.trolley.speed_m_s + _EXCHANGE_S
-                x_m = step.x_m
-            case SelectChannel():
-                yield rig.switches.settle_s + _EXCHANGE_S
-            case Settle():
-                yield step.seconds
-            case RecordSweeps():
-                rate = rig.radar.sample_rate_hz
-                yield record_frames(rig, step.sweeps, rate) / rate + _AUDIO_GUARD_S
-            case TurnPolarizer():
-                yield _TURN_S
-            case AutoExpose():
-                exposure = rig.camera.exposure_s if rig.camera else 0.0
-                yield len(step.angles_rad) * _TURN_S + _AUTO_FRAMES * (exposure + _FRAME_S)
-            case Expose():
-                exposure = rig.camera.exposure_s if rig.camera else 0.0
-                yield step.frames * (exposure + _FRAME_S)
-            case _:
-                yield _EXCHANGE_S
-
-
-def _bytes(rig: Rig, listed: Iterable[Step]) -> int:
-    item = _ITEM_BYTES.get(str(rig.radar.options.get("sample_format", "int16")), 4)
-    total = _FILE_BYTES
-    for step in listed:
-        if isinstance(step, RecordSweeps):
-            total += 2 * item * record_frames(rig, step.sweeps, rig.radar.sample_rate_hz) + _ROW_BYTES
-        elif isinstance(step, Expose) and rig.camera is not None:
-            pixel = _ITEM_BYTES[rig.camera.counts_dtype]
-            total += step.frames * (rig.camera.width_px * rig.camera.height_px * pixel + _ROW_BYTES)
-        elif not isinstance(step, (Settle, Checkpoint)):
-            total += _ROW_BYTES
-    return total
+def _warnings(rig: Rig, listed: tuple[Step, ...]) -> Iterator[str]:
+    """Places so far apart that targets inside the antennas' beam are ambiguous (thesis 5.3: a quarter wavelength)."""
+    stops = sorted({step.x_m for step in listed if isinstance(step, MoveTo)})
+    passes = [step for step in listed if isinstance(step, RecordPass)]
+    if passes:
+        speed = max(step.speed_m_s or rig.trolley.speed_m_s for step in passes)
+        spacing = speed * rig.waveform.sweep_period_s
+        advice = "run more slowly"
+    elif len(stops) > 1:
+        spacing = max(b - a for a, b in itertools.pairwise(stops))
+        advice = "take smaller steps"
+    else:
+        return
+    if not spacing > 0:
+        return
+    free = math.degrees(alias_free_angle_rad(spacing, rig.waveform.wavelength_m))
+    if free < rig.geometry.beamwidth_deg / 2:
+        yield (
+            f"places {spacing * 100:.3g} cm apart show targets beyond {free:.0f} degrees from broadside at wrong places"
+            f" as well (the beam reaches {rig.geometry.beamwidth_deg / 2:g}): {advice}, or look closer to broadside"
+        )

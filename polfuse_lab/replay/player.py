@@ -11,7 +11,7 @@ from types import TracebackType
 
 from polfuse_lab.engine.recorder import WriterProcess
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.plans.dry_run import dry_run
+from polfuse_lab.plans.custom import recorded_plan
 from polfuse_lab.plans.steps import Checkpoint, Step
 from polfuse_lab.records import Event, Record
 from polfuse_lab.replay.clock import FASTEST, ReplayClock
@@ -83,12 +83,14 @@ class Player:
             rig, plan = self._session.rig, self._session.plan
             assert rig is not None
             assert plan is not None
+            # The steps as they were planned then, whatever this version would make of the plan file.
+            plan = recorded_plan(plan, self._session.steps)
             target = _watched_name(self._session.path) if output is None else Path(output)
             check_free_name(target)
             self._tape = Tape(self._session)
             self.clock = ReplayClock(self._tape.start_ns, speed)
             """Its ``pause``, ``resume`` and ``speed`` are a player's knobs."""
-            self._steps: tuple[Step, ...] = dry_run(rig, plan).steps
+            self._steps: tuple[Step, ...] = self._session.steps
             self._control = ReplayControl(self._tape, self.clock, self._answer_prompts)
             inner: Recorder = NoCopy(target) if output is None else WriterProcess(target)
             self._scheduler = Scheduler(

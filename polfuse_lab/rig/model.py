@@ -199,6 +199,8 @@ class Rig(FileModel):
     """Camera; left out for radar-only rigs."""
     polarizer: PolarizerSection | None = None
     """Polarizer; left out for radar-only rigs and for a camera with a mosaic of polarizers."""
+    source_polarizer: PolarizerSection | None = None
+    """Polarizer in front of the light source, for the active mode (thesis 6.3); left out where there is none."""
 
     @model_validator(mode="after")
     def _optics_together(self) -> Rig:
@@ -237,7 +239,7 @@ def check_options(rig: Rig, path: Path) -> None:
     Raises:
         FileMistake: an unknown driver, or an option that its driver does not take.
     """
-    for kind in ("radar", "switches", "trolley", "camera", "polarizer"):
+    for kind in ("radar", "switches", "trolley", "camera", "polarizer", "source_polarizer"):
         if rig.section(kind) is not None:
             driver_options(rig, kind, path)
 
@@ -258,11 +260,11 @@ def driver_options(rig: Rig, kind: str, path: Path | str = "rig") -> Any:
     assert section is not None
     text = path.read_text(encoding="utf-8") if path.is_file() else ""
     try:
-        options = registry.driver_class(kind, section.driver).Options
+        options = registry.driver_class(registry.driver_kind(kind), section.driver).Options
     except KeyError:
         line = line_of(text, (kind, "driver"))
         place = f"line {line}, " if line else ""
-        names = ", ".join(registry.available(kind))
+        names = ", ".join(registry.available(registry.driver_kind(kind)))
         raise FileMistake(path, [f"{place}{kind}.driver: found {section.driver!r}, allowed: {names}"]) from None
     shared = {
         field.name: getattr(section, field.name)

@@ -1,11 +1,13 @@
-"""Read a TOML file into a pydantic model; answer each mistake with file, line, field, found and allowed."""
+"""Read a TOML file into a pydantic model, and write one; answer a mistake with file, line, field, found and allowed."""
 
 from __future__ import annotations
 
 import difflib
+import json
 import re
 import tomllib
 import types
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar, Union, get_args, get_origin
 
@@ -15,6 +17,9 @@ from polfuse_lab.errors import PolfuseError
 
 Model = TypeVar("Model", bound=BaseModel)
 Location = tuple[int | str, ...]
+
+SHOWN = 200
+"""Longest wrong value that a message quotes whole, characters."""
 
 
 class FileModel(BaseModel):
@@ -40,9 +45,14 @@ def read_model(path: Path | str, model: type[Model]) -> Model:
         PolfuseError: the file cannot be read, or is not TOML (with its line).
         FileMistake: entries are wrong (each with line, field, found, allowed).
     """
+    return parse_model(read_text(path), model, path)
+
+
+def read_text(path: Path | str) -> str:
+    """The text of a file that a user wrote. Raises :class:`PolfuseError` where it cannot be read."""
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except OSError as error:
         raise PolfuseError(
             f"cannot be read ({error.strerror})",
@@ -53,20 +63,90 @@ def read_model(path: Path | str, model: type[Model]) -> Model:
         raise PolfuseError(
             f"is not UTF-8 text (byte {error.start})", where=str(path), advice="save it as UTF-8"
         ) from error
-    return parse_model(text, model, path)
 
 
 def parse_model(text: str, model: type[Model], path: Path | str) -> Model:
     """Parse TOML ``text`` into ``model``; ``path`` is used in messages only. Raises as :func:`read_model`."""
-    path = Path(path)
+    return _validated(text, _content(text, Path(path)), model, Path(path))
+
+
+def parse_kind(text: str, models: Mapping[str, type[Model]], default: str, path: Path | str) -> Model:
+    """Parse TOML ``text`` into the model that its ``kind`` names, ``default`` where it names none.
+
+    Raises as :func:`read_model`.
+    """
+    content = _content(text, Path(path))
+    kind = content.get("kind", default)
+    model = models.get(kind) if isinstance(kind, str) else None
+    if model is None:
+        line = line_of(text, ("kind",))
+        close = difflib.get_close_matches(str(kind), models, n=1)
+        hint = f" (did you mean '{close[0]}'?)" if close else ""
+        raise FileMistake(
+            Path(path),
+            [f"{f'line {line}, ' if line else ''}kind: found {_short(kind)}{hint}, allowed: {', '.join(models)}"],
+        )
+    return _validated(text, content, model, Path(path))
+
+
+def model_to_toml(model: BaseModel, without: tuple[str, ...] = ()) -> str:
+    """TOML text that is read as ``model``; what has its default, and the keys ``without``, are left out."""
+    return _toml_tables(model, (), without)
+
+
+def _toml_tables(model: BaseModel, table: tuple[str, ...], without: tuple[str, ...]) -> str:
+    lines: list[str] = []
+    inner: list[str] = []
+    for name, field in type(model).model_fields.items():
+        value = getattr(model, name)
+        if name in without or (not field.is_required() and value == field.get_default(call_default_factory=True)):
+            continue
+        path = (*table, name)
+        if isinstance(value, BaseModel):
+            inner.append(f"[{'.'.join(path)}]\n{_toml_tables(value, path, ())}")
+        elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
+            inner += [f"[[{'.'.join(path)}]]\n{_toml_tables(item, path, ())}" for item in value]
+        else:
+            lines.append(f"{name} = {_toml_value(value)}\n")
+    return "".join(lines) + "".join(inner)
+
+
+def _toml_value(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (tuple, list)):
+        return f"[{', '.join(map(_toml_value, value))}]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_toml_value(key)} = {_toml_value(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, str):
+        if "\n" in value and "'''" not in value + "'" and all(c.isprintable() or c == "\n" for c in value):
+            return f"'''\n{value}'''"
+        # A JSON string is a TOML one, but for DEL, which JSON leaves as it is.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(value)
+
+
+def _content(text: str, path: Path) -> dict[str, Any]:
     try:
-        content = tomllib.loads(text)
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise PolfuseError(f"is not valid TOML: {error}", where=str(path), advice="correct that line") from error
+
+
+def _validated(text: str, content: dict[str, Any], model: type[Model], path: Path) -> Model:
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        raise FileMistake(path, [_sentence(text, model, item) for item in error.errors()]) from None
+        items = error.errors()
+        # A list whose items are all wrong is not too short as well.
+        wrong = {item["loc"][:depth] for item in items for depth in range(len(item["loc"]))}
+        told = [item for item in items if item["type"] != "too_short" or item["loc"] not in wrong]
+        raise FileMistake(path, [_sentence(text, model, item) for item in told]) from None
+
+
+def _short(value: object) -> str:
+    shown = repr(value)
+    return shown if len(shown) <= SHOWN else f"{shown[: SHOWN - 1]}…"
 
 
 def _sentence(text: str, model: type[BaseModel], item: Any) -> str:
@@ -81,7 +161,7 @@ def _sentence(text: str, model: type[BaseModel], item: Any) -> str:
         return f"{place}: found a key that is not known{hint}, allowed: {', '.join(known)}"
     if item["type"] == "missing":
         return f"{place}: found nothing, allowed: {_describe(model, location)}"
-    return f"{place}: found {item['input']!r}, allowed: {_allowed(item)}"
+    return f"{place}: found {_short(item['input'])}, allowed: {_allowed(item)}"
 
 
 def _allowed(item: Any) -> str:

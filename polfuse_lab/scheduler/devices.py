@@ -86,6 +86,11 @@ class DeviceSet:
         return cast(contracts.Polarizer, self.by_kind["polarizer"].device)
 
     @property
+    def source_polarizer(self) -> contracts.Polarizer:
+        """The polarizer in front of the light source."""
+        return cast(contracts.Polarizer, self.by_kind["source_polarizer"].device)
+
+    @property
     def camera(self) -> contracts.Camera:
         """The camera."""
         return cast(contracts.Camera, self.by_kind["camera"].device)
@@ -176,19 +181,26 @@ class DeviceSet:
                 device.lane.join(1.0)
 
 
+def device_kinds(rig: Rig, *, optics: bool) -> list[str]:
+    """Kinds of the devices of a run on a rig, in the order in which they are made and named."""
+    kinds = ["radar", "switches", "trolley"]
+    if optics:
+        # Without the camera of a plan that has one, its driver says so.
+        kinds += ["camera"] if rig.has_mosaic else ["camera", "polarizer"]
+        kinds += ["source_polarizer"] if rig.source_polarizer is not None else []
+    return kinds
+
+
 def make_devices(rig: Rig, path: Path, operator: contracts.Operator, control: Control, *, optics: bool) -> DeviceSet:
-    """Make the drivers that the rig file names; camera and polarizer only with ``optics``.
+    """Make the drivers that the rig file names; camera and polarizers only with ``optics``.
 
     Raises:
         FileMistake: an unknown driver, or a wrong option.
         PolfuseError: a driver's module cannot be loaded.
     """
-    kinds = ["radar", "switches", "trolley"] + (["camera", "polarizer"] if optics else [])
-    if rig.has_mosaic:
-        kinds = [kind for kind in kinds if kind != "polarizer"]
     devices = DeviceSet(control)
     try:
-        for kind in kinds:
+        for kind in device_kinds(rig, optics=optics):
             devices.by_kind[kind] = make_device(rig, kind, path, operator)
     except BaseException:
         for device in devices.by_kind.values():
@@ -210,7 +222,7 @@ def make_device(rig: Rig, kind: str, path: Path, operator: contracts.Operator) -
 
             made: contracts.Device = CameraProcess(name, options)
         else:
-            driver = registry.driver_class(kind, name)
+            driver = registry.driver_class(registry.driver_kind(kind), name)
             by_hand = "operator" in inspect.signature(driver).parameters
             made = driver(options, operator) if by_hand else driver(options)
     except PolfuseError:

@@ -12,22 +12,28 @@ from typing import Protocol
 from drivers.errors import DeviceError
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.plans import Plan
+from polfuse_lab.plans.costs import largest_record_frames
 from polfuse_lab.plans.dry_run import DryRun, dry_run, step_seconds
+from polfuse_lab.plans.step_json import steps_to_plain
 from polfuse_lab.plans.steps import Checkpoint, Step
 from polfuse_lab.records import Event, Note, Record
 from polfuse_lab.rig import Rig
-from polfuse_lab.scheduler.actions import Actions, describe
+from polfuse_lab.scheduler.actions import Actions
 from polfuse_lab.scheduler.clock_watch import ClockWatch
 from polfuse_lab.scheduler.control import Aborted, Control
+from polfuse_lab.scheduler.describe import describe
 from polfuse_lab.scheduler.devices import DeviceSet, make_devices
+from polfuse_lab.scheduler.passes import PassPaused
 from polfuse_lab.scheduler.prompts import Prompts
 from polfuse_lab.scheduler.recovery import Recovery
 from polfuse_lab.scheduler.status import Outcome, RunState, RunStatus
-from polfuse_lab.session.layout import SessionConfig
+from polfuse_lab.session.layout import STEPS, SessionConfig
 from polfuse_lab.session.naming import check_free_name, partial_path
 from processing.errors import DataError
 
 FLUSH_S = 30.0
+LAST_WORDS_S = 10.0
+"""Longest wait for room in the writer's queue for what tells how the run ended."""
 
 
 class Recorder(Protocol):
@@ -120,6 +126,9 @@ class Scheduler:
         self._notes: list[Note] = []
         self._began = time.monotonic()
         self._recording = False
+        self._flushing: int | None = None
+        """Ticket of the flush that the last checkpoint began, until it is confirmed."""
+        self._unsafe: tuple[str, ...] = ()
         self._devices: DeviceSet | None = None
         self._actions: Actions | None = None
         self._clocks: ClockWatch | None = None
@@ -129,6 +138,11 @@ class Scheduler:
         """The present status."""
         with self._lock:
             return self._status
+
+    @property
+    def unsafe(self) -> tuple[str, ...]:
+        """Devices that did not confirm their safe state at the end, one sentence each."""
+        return self._unsafe
 
     def note(self, text: str) -> None:
         """Add a remark to the session."""
@@ -157,10 +171,10 @@ class Scheduler:
         if planned.problems:
             raise PolfuseError(planned.problems[0], where="plan", advice="see 'polfuse plan'")
         check_free_name(self._output)
-        self._set(steps=len(planned.steps), positions=len(self._plan.positions_m))
+        self._set(steps=len(planned.steps), positions=planned.planned.positions)
         self.control.tick = self._tick
         self._enter(RunState.PREPARING, "opening the devices")
-        optics = self._plan.optics is not None
+        optics = self._plan.uses_camera
         self._devices = self._make_devices(self._rig, self._rig_path, self.prompts, self.control, optics=optics)
         self._devices.open_all()
         self._enter(RunState.PREPARING, "listening to the radar")
@@ -178,12 +192,13 @@ class Scheduler:
             sample_rate_hz=block.sample_rate_hz,
             sample_dtype=block.samples.dtype.name,
             audio_channels=block.samples.shape[1],
-            audio_block_frames=self._actions.record_frames(self._plan.sweeps_per_channel),
+            audio_block_frames=largest_record_frames(self._rig, planned.steps, block.sample_rate_hz),
             frame_shape=self._devices.camera.shape if optics else None,
             frame_dtype=self._rig.camera.counts_dtype if self._rig.camera is not None else "uint16",
             rig_toml=rig_toml,
             plan_toml=plan_toml,
             identities=self._devices.identities,
+            extra={STEPS: steps_to_plain(planned.steps)},
         )
         self.control.check()
         self._recorder.open(config, expected_bytes=planned.bytes)
@@ -204,21 +219,25 @@ class Scheduler:
         while index < len(planned):
             if self.control.pausing:
                 before = time.monotonic()
-                self._pause(index)
+                self._pause(f"before step {index + 1}")
                 paused_s += time.monotonic() - before
-                if index != checkpoint:
-                    self._actions.repeat()
-                    self._event("resumed", f"repeating from step {checkpoint + 1} since the collect was paused")
-                    index = checkpoint
+                index = self._go_back(index, checkpoint)
             step = planned[index]
             spent = time.monotonic() - started - paused_s
             self._set(step=index, eta_s=sum(times[index:]) * _pace(spent, expected_done))
             self._enter(RunState.RUNNING, describe(step))
+            before = time.monotonic()
             try:
                 self._devices.failed = None
                 self._actions.do(step)
                 if isinstance(step, Checkpoint):
-                    self._flush()
+                    self._begin_flush()
+            except PassPaused:
+                self._pause(f"in step {index + 1}")
+                # Also where the pass was all that has been done since the checkpoint: it is not done.
+                index = self._go_back(index, checkpoint, begun=True)
+                paused_s += time.monotonic() - before
+                continue
             except DeviceError as error:
                 before = time.monotonic()
                 self._recover(error, index)
@@ -258,17 +277,42 @@ class Scheduler:
         if clocks is not None:
             clocks.forget()
 
-    def _pause(self, index: int) -> None:
+    def _pause(self, where: str) -> None:
+        # First: where a run goes on from is on the disk before anybody is told that it is safe to walk away.
+        self._confirm()
         self._enter(RunState.PAUSED, "paused by the user")
-        self._event("paused", f"paused by the user before step {index + 1}")
+        self._event("paused", f"paused by the user {where}")
         while self.control.pausing:
             self.control.slice()
 
-    def _flush(self) -> None:
+    def _go_back(self, index: int, checkpoint: int, *, begun: bool = False) -> int:
+        """After a pause: where the run goes on, the last (confirmed) checkpoint; what is repeated is marked."""
+        assert self._actions is not None
+        if begun or index != checkpoint:
+            self._actions.repeat()
+            self._event("resumed", f"repeating from step {checkpoint + 1} since the collect was paused")
+        return checkpoint
+
+    def _begin_flush(self) -> None:
+        """At a checkpoint: bring everything to the disk while the next position is approached.
+
+        The flush of the checkpoint before is confirmed first, so that at most one position is not on the disk.
+        """
+        self._confirm()
         self._drain_notes()
-        ticket = self._recorder.flush()
+        self._flushing = self._recorder.flush()
+
+    def _flush(self) -> None:
+        """Bring everything to the disk and wait until it is there."""
+        self._begin_flush()
+        self._confirm()
+
+    def _confirm(self) -> None:
+        """Wait until what the last flush brings to the disk is there. Raises :class:`PolfuseError` when it takes long."""
+        if self._flushing is None:
+            return
         end = time.monotonic() + FLUSH_S
-        while not self._recorder.flushed(ticket):
+        while not self._recorder.flushed(self._flushing):
             self.control.slice()
             if time.monotonic() > end:
                 raise PolfuseError(
@@ -276,6 +320,7 @@ class Scheduler:
                     where=str(self._output),
                     advice="check the disk",
                 )
+        self._flushing = None
 
     def _keep(self, record: Record) -> None:
         """Give a record to the session (waiting while its queue is full) and to the viewer."""
@@ -324,6 +369,7 @@ class Scheduler:
         self.control.tick = lambda: None
         self._enter(RunState.STOPPING, reason)
         troubles = self._devices.make_safe() if self._devices is not None else []
+        self._unsafe = tuple(troubles)
         session: Path | None = None
         if self._recording:
             self._recording = False
@@ -357,10 +403,26 @@ class Scheduler:
         return outcome
 
     def _finish_records(self, state: str, reason: str, troubles: list[str]) -> None:
-        self._drain_notes()
-        for text in troubles:
-            self._recorder.offer(Event("unsafe", text, time.monotonic_ns()))
-        self._recorder.offer(Event(state, reason, time.monotonic_ns()))
+        """Keep the last notes and how the run ended, waiting for room in the writer's queue.
+
+        Raises:
+            PolfuseError: the writer failed, or made no room.
+        """
+        with self._lock:
+            last: list[Record] = [*self._notes]
+            self._notes = []
+        last += [Event("unsafe", text, time.monotonic_ns()) for text in troubles]
+        last.append(Event(state, reason, time.monotonic_ns()))
+        end = time.monotonic() + LAST_WORDS_S
+        for record in last:
+            while not self._recorder.offer(record):
+                if time.monotonic() > end:
+                    raise PolfuseError(
+                        f"the disk took nothing for {LAST_WORDS_S:.0f} s at the end",
+                        where=str(self._output),
+                        advice="check the disk; everything before that is in the file",
+                    )
+                time.sleep(0.01)
 
     def _enter(self, state: RunState, reason: str) -> None:
         self._count()

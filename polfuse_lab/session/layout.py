@@ -41,6 +41,8 @@ VERSION = 2
 
 TEXT_BYTES = 1000
 """Longest text in one row of a table, bytes of UTF-8; longer notes take several rows."""
+STEPS = "steps"
+"""Entry of the configuration's ``extra`` that holds the planned steps (see :mod:`polfuse_lab.plans.step_json`)."""
 CHUNK_FRAMES = 65_536
 """Largest audio chunk, frames."""
 SAMPLE_TYPES = ("int16", "int32", "float32")

@@ -33,6 +33,7 @@ from polfuse_lab.session.selection import (
 
 if TYPE_CHECKING:
     from polfuse_lab.plans import Plan
+    from polfuse_lab.plans.steps import Step
 
 Table = NDArray[np.void]
 
@@ -215,9 +216,35 @@ class Session:
     @cached_property
     def plan(self) -> Plan | None:
         """The plan, None for foreign recordings. Raises :class:`PolfuseError` where this version cannot read it."""
-        from polfuse_lab.plans import Plan
+        from polfuse_lab.plans import parse_plan
 
-        return None if self.plan_toml is None else parse_model(self.plan_toml, Plan, f"{self.path}:plan.toml")
+        return None if self.plan_toml is None else parse_plan(self.plan_toml, f"{self.path}:plan.toml")
+
+    @cached_property
+    def steps(self) -> tuple[Step, ...]:
+        """The steps that were planned; none for foreign recordings.
+
+        Raises:
+            PolfuseError: they cannot be read by this version.
+        """
+        from polfuse_lab.plans.step_json import steps_from_plain
+        from polfuse_lab.plans.steps import StartTurn
+
+        recorded = self.config["extra"].get(layout.STEPS)
+        if recorded is not None:
+            try:
+                return steps_from_plain(recorded)
+            except ValueError as error:
+                raise PolfuseError(
+                    f"its steps cannot be read by this version ({error})",
+                    where=str(self.path),
+                    advice="open it with the version that recorded it",
+                ) from error
+        if self.plan is None:
+            return ()
+        mosaic = self.rig is not None and self.rig.has_mosaic
+        # Sessions that do not hold their steps are older than turns that are begun early.
+        return tuple(step for step in self.plan.steps(mosaic=mosaic) if not isinstance(step, StartTurn))
 
     @cached_property
     def waveform(self) -> Waveform:

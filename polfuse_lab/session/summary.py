@@ -10,6 +10,7 @@ import numpy as np
 from drivers.records import Channel
 from polfuse_lab.clocks import fit_clocks, sync_rms_s
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.plans.listing import planned
 from polfuse_lab.records import SUPERSEDED, FrameFlag, SweepFlag
 from polfuse_lab.session.reader import Session, open_session
 
@@ -90,22 +91,20 @@ def problems(session: Session) -> list[str]:
 
 def _missing_from_plan(session: Session) -> list[str]:
     try:
-        plan = session.plan
+        steps = session.steps
     except PolfuseError as error:
         return [f"its plan cannot be read by this version ({error.what})"]
-    if plan is None:
-        return []
     good = session.sweeps[(session.sweeps["flags"] & int(SUPERSEDED)) == 0]
     have = {(int(row["position"]), int(row["channel"])) for row in good}
-    want = {(p, int(Channel[name])) for p in range(len(plan.positions_m)) for name in plan.channels}
+    # A pass of the trolley is there once its first record is.
+    wanted = planned(steps)
+    want = {(record.first_position, int(record.channel)) for record in wanted.records}
     found = []
     if want - have:
         found.append(f"{len(want - have)} of {len(want)} planned position-channel records are missing")
-    if plan.optics is not None:
-        mosaic = session.rig is not None and session.rig.has_mosaic
-        planned = (1 if mosaic else len(plan.optics.angles_deg)) * plan.optics.frames_per_angle
+    if wanted.frames:
         moved = (session.frames["flags"] & int(FrameFlag.MOVED)) > 0
         taken = int(np.count_nonzero(~session.frames["dark"] & ~moved))
-        if taken < planned:
-            found.append(f"{planned - taken} of {planned} planned camera frames are missing")
+        if taken < wanted.frames:
+            found.append(f"{wanted.frames - taken} of {wanted.frames} planned camera frames are missing")
     return found

@@ -16,7 +16,7 @@ from polfuse_lab.demo.radar_checks import method_checks, place_checks, resolutio
 from polfuse_lab.demo.thesis_checks import thesis_checks
 from polfuse_lab.engine import Finished
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.plans import Plan
+from polfuse_lab.plans import RailSarPlan, SkyPlan, parse_plan
 from polfuse_lab.products.checks import Check
 from polfuse_lab.products.optics import UNITS
 from polfuse_lab.products.store import Products
@@ -56,11 +56,13 @@ def test_the_sky_is_the_scene_without_targets() -> None:
 
 @pytest.mark.parametrize(("quick", "positions"), [(True, files.QUICK_POSITIONS), (False, 61)])
 def test_plans(quick: bool, positions: int) -> None:
-    plan = parse_model(files.plan_text(quick=quick, sweeps=2), Plan, "plan.toml")
+    plan = parse_plan(files.plan_text(quick=quick, sweeps=2), "plan.toml")
+    assert isinstance(plan, RailSarPlan)
     assert len(plan.positions_m) == positions
     assert plan.positions_m[0] == -plan.positions_m[-1]
     assert set(plan.channels) == {"HH", "HV", "VH", "VV"}
-    sky = parse_model(files.sky_plan_text(sweeps=2), Plan, "sky.toml")
+    sky = parse_plan(files.sky_plan_text(sweeps=2), "sky.toml")
+    assert isinstance(sky, SkyPlan)
     assert (sky.kind, sky.sweeps_per_channel) == ("sky", 2)
 
 
@@ -77,7 +79,7 @@ def test_figures_of_the_thesis_hold() -> None:
 
 
 def test_anything_lost_is_told() -> None:
-    plan = parse_model(files.plan_text(quick=True, sweeps=2), Plan, "plan.toml")
+    plan = parse_plan(files.plan_text(quick=True, sweeps=2), "plan.toml")
     records = files.QUICK_POSITIONS * 4
     good = Finished("finished", "", "s.h5", files.QUICK_POSITIONS, records, 8, 0, 0, 1e-5, 20.0, [])
     assert names_of_failed(collect_checks(good, plan)) == []

@@ -10,8 +10,7 @@ import pytest
 
 from hw_mocks.rig import SimulatedRig
 from polfuse_lab.engine import collect
-from polfuse_lab.plans import Plan, steps
-from polfuse_lab.plans.model import OpticsPlan
+from polfuse_lab.plans import OpticsPlan, RailSarPlan
 from polfuse_lab.plans.steps import AutoExpose, Expose, TurnPolarizer
 from polfuse_lab.session import info, open_session
 
@@ -69,9 +68,9 @@ def test_a_collect_finds_its_exposure_and_keeps_it(tmp_path: Path, mosaic: str) 
 
 
 def test_a_mosaic_turns_nothing() -> None:
-    plan = Plan(aperture_m=0.0508, optics=OpticsPlan(frames_per_angle=3, auto_exposure=True))
-    listed = list(steps(plan, mosaic=True))
+    plan = RailSarPlan(aperture_m=0.0508, optics=OpticsPlan(frames_per_angle=3, auto_exposure=True))
+    listed = list(plan.steps(mosaic=True))
     assert not any(isinstance(step, TurnPolarizer) for step in listed)
     assert [step for step in listed if isinstance(step, (AutoExpose, Expose))] == [AutoExpose(()), Expose(3, 0.0)]
-    turning = [step for step in steps(plan) if isinstance(step, AutoExpose)]
+    turning = [step for step in plan.steps() if isinstance(step, AutoExpose)]
     assert turning == [AutoExpose(tuple(math.radians(angle) for angle in (0, 45, 90, 135)))]

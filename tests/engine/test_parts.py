@@ -34,8 +34,8 @@ def block(number: int, samples=None) -> Sweeps:
 def test_dry_run_counts_time_and_bytes(bench):
     bench.write(optics=True, settle=0.5)
     outcome = dry_run(load_rig(bench.rig), load_plan(bench.plan))
-    # 3 x (move, settle, 2 x (switch, record), checkpoint) and 4 x (turn, expose).
-    assert len(outcome.steps) == 3 * 7 + 8
+    # 3 x (move, settle, 2 x (switch, record), checkpoint), 4 x (turn, expose), and the first turn begun early.
+    assert len(outcome.steps) == 3 * 7 + 8 + 1
     # 1 sweep: 2 periods of 40 ms at 48 kHz, 6 % more, and 64 samples for the edges: 4071 + 64 frames of 4 bytes.
     assert record_frames(load_rig(bench.rig), 1, 48_000.0) == 4135
     audio, images = 6 * 4135 * 4, 8 * 8 * 6 * 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from drivers.records import Channel
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.plans import Plan, load_plan, steps
+from polfuse_lab.plans import RailSarPlan, SkyPlan, load_plan, parse_plan
 from polfuse_lab.plans.steps import Checkpoint, Expose, MoveTo, RecordSweeps, SelectChannel, TurnPolarizer
 from polfuse_lab.rig import FileMistake, Rig, parse_model
 
@@ -113,7 +114,7 @@ def test_camera_and_polarizer_come_together() -> None:
 
 def test_thesis_plan_has_61_positions() -> None:
     # 10 ft aperture in 2 in steps, thesis 5.5: 61 positions from -5 ft to +5 ft.
-    positions = Plan().positions_m
+    positions = RailSarPlan().positions_m
     assert len(positions) == 61
     assert positions[0] == pytest.approx(-1.524, abs=1e-12)
     assert positions[-1] == pytest.approx(1.524, abs=1e-12)
@@ -122,14 +123,14 @@ def test_thesis_plan_has_61_positions() -> None:
 
 def test_six_foot_plan_has_37_positions() -> None:
     # 6 ft aperture in 2 in steps, thesis 5.3.
-    assert len(Plan(aperture_m=6 * 0.3048).positions_m) == 37
+    assert len(RailSarPlan(aperture_m=6 * 0.3048).positions_m) == 37
 
 
 @given(st.floats(0.01, 30), st.floats(0.005, 0.5))
 def test_positions_are_symmetric_even_and_inside_the_aperture(aperture_m: float, step_m: float) -> None:
     if step_m > aperture_m:
         return
-    positions = Plan(aperture_m=aperture_m, step_m=step_m).positions_m
+    positions = RailSarPlan(aperture_m=aperture_m, step_m=step_m).positions_m
     assert positions[0] == -positions[-1]
     assert positions[-1] - positions[0] <= aperture_m * (1 + 1e-5)
     assert positions[-1] - positions[0] > aperture_m - step_m * 1.001
@@ -138,8 +139,8 @@ def test_positions_are_symmetric_even_and_inside_the_aperture(aperture_m: float,
 
 
 def test_plan_steps_in_their_order() -> None:
-    plan = parse_model("aperture_m = 0.1016\n[optics]\nframes_per_angle = 2\n", Plan, "plan.toml")
-    listed = list(steps(plan))
+    plan = parse_plan("aperture_m = 0.1016\n[optics]\nframes_per_angle = 2\n", "plan.toml")
+    listed = list(plan.steps())
     moves = [step for step in listed if isinstance(step, MoveTo)]
     assert [step.position for step in moves] == [0, 1, 2]
     assert [step.channel for step in listed if isinstance(step, RecordSweeps)] == [
@@ -163,8 +164,8 @@ def test_plan_steps_in_their_order() -> None:
 
 
 def test_a_sky_plan_does_not_move() -> None:
-    plan = Plan(kind="sky")
-    assert not any(isinstance(step, MoveTo) for step in steps(plan))
+    plan = SkyPlan()
+    assert not any(isinstance(step, MoveTo) for step in plan.steps())
     assert plan.positions_m == (0.0,)
 
 
@@ -178,4 +179,5 @@ def test_a_sky_plan_does_not_move() -> None:
     ],
 )
 def test_plan_mistakes(text: str, expected: str) -> None:
-    assert expected in mistake_in(text, Plan)
+    with pytest.raises(FileMistake, match=re.escape(expected)):
+        parse_plan(text, "plan.toml")

@@ -7,32 +7,45 @@ from pathlib import Path
 
 from polfuse_lab.errors import PolfuseError
 
-MOTORIZED = {"rig": "rig.toml", "plan": "plan.toml", "sky": "sky.toml"}
+OTHER_PLANS = (
+    "continuous_sar",
+    "ranging",
+    "doppler",
+    "calibration_series",
+    "polarizer_series",
+    "active_optical",
+    "custom",
+)
+"""Kinds of plan of which a small example is written into the folder ``plans``."""
+MOTORIZED = {"rig": "rig.toml", "plan": "plan.toml", "sky": "sky.toml"} | {
+    kind: f"plan_{kind}.toml" for kind in OTHER_PLANS
+}
 """What is written (key of the result) and which file it comes from."""
 BY_HAND = MOTORIZED | {"rig": "rig_by_hand.toml"}
 """The same rig without motors: trolley and polarizer are moved by hand when the program asks."""
 
 
 def write_examples(directory: Path | str, *, by_hand: bool = False, force: bool = False) -> dict[str, Path]:
-    """Write ``rig.toml``, ``plan.toml`` and ``sky.toml`` into ``directory``, which is made if it is not there.
+    """Write a rig, two plans and a folder ``plans`` with one of each other kind into ``directory``, made if need be.
 
     Returns:
-        The paths, by ``"rig"``, ``"plan"`` and ``"sky"``.
+        The paths, by ``"rig"``, ``"plan"``, ``"sky"`` and the other kinds of plan.
 
     Raises:
         PolfuseError: one of the files is there already and ``force`` is not set (none is written then), or the
             directory cannot be written.
     """
     directory = Path(directory)
-    written = {key: directory / MOTORIZED[key] for key in MOTORIZED}
-    if not force and (present := [path.name for path in written.values() if path.exists()]):
+    names = {key: f"plans/{key}.toml" if key in OTHER_PLANS else source for key, source in MOTORIZED.items()}
+    written = {key: directory / name for key, name in names.items()}
+    if not force and (present := [names[key] for key, path in written.items() if path.exists()]):
         raise PolfuseError(
-            f"holds {', '.join(present)} already",
+            f"holds {', '.join(present[:2])}{f' and {len(present) - 2} more' if present[2:] else ''} already",
             where=str(directory),
             advice="choose another directory, or add --force to overwrite",
         )
     try:
-        directory.mkdir(parents=True, exist_ok=True)
+        (directory / "plans").mkdir(parents=True, exist_ok=True)
         for key, source in (BY_HAND if by_hand else MOTORIZED).items():
             text = files(__package__).joinpath(source).read_text(encoding="utf-8")
             written[key].write_text(text, encoding="utf-8")
