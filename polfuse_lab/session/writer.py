@@ -19,6 +19,7 @@ from drivers.records import ClockFix, PolarizerFix, SwitchState, TrolleyFix
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.records import Event, Exposure, Note, Observed, Record, SourceFix, Sweeps
 from polfuse_lab.session import layout
+from polfuse_lab.session.growing import GrowingDataset
 from polfuse_lab.session.layout import SessionConfig
 from polfuse_lab.session.naming import (
     check_free_name,
@@ -47,9 +48,9 @@ class SessionWriter:
         self._file: h5py.File | None = file
         self._ballast = ballast
         self._config = config
-        self._tables = {name: file[name] for name in layout.TABLES if name in file}
-        self._audio = file["audio"]
-        self._images = file.get("images")
+        self._tables = {name: GrowingDataset(file[name]) for name in layout.TABLES if name in file}
+        self._audio = GrowingDataset(file["audio"])
+        self._images = GrowingDataset(file["images"]) if "images" in file else None
 
     @classmethod
     def create(
@@ -225,11 +226,10 @@ class SessionWriter:
     def _append_sweeps(self, record: Sweeps) -> None:
         block = record.block
         samples = self._checked_samples(block.samples)
-        chunk = self._audio.chunks[0]
+        chunk = self._audio.chunk
         # Each record begins at a chunk's first row, so that no compressed chunk is ever written twice.
-        first = -(-self._audio.shape[0] // chunk) * chunk
-        self._audio.resize(first + len(samples), axis=0)
-        self._audio[first:] = samples
+        first = -(-self._audio.items // chunk) * chunk
+        self._audio.append(samples, at=first)
         self._row(
             "sweeps",
             (
@@ -254,15 +254,13 @@ class SessionWriter:
         frame = record.frame
         if self._images is None:
             raise self._misfit("it was declared without a camera and a frame arrived")
-        shape = self._images.shape[1:]
+        shape = self._images.shape
         if frame.image.shape != shape or not np.can_cast(frame.image.dtype, self._images.dtype, "safe"):
             raise self._misfit(
                 f"a frame of {frame.image.shape} {frame.image.dtype} arrived where {shape} {self._images.dtype}"
                 " was declared"
             )
-        number = self._tables["frames"].shape[0]
-        self._images.resize(number + 1, axis=0)
-        self._images[number] = frame.image
+        self._images.append(frame.image[np.newaxis], at=self._tables["frames"].items)
         self._row(
             "frames",
             (
@@ -285,7 +283,7 @@ class SessionWriter:
         self.frames_lost += frame.lost_before + int(frame.incomplete)
 
     def _checked_samples(self, samples: NDArray[np.generic]) -> NDArray[Any]:
-        channels = self._audio.shape[1]
+        (channels,) = self._audio.shape
         if samples.ndim != 2 or samples.shape[1] != channels or samples.dtype != self._audio.dtype:
             raise self._misfit(
                 f"an audio block of {samples.shape} {samples.dtype} arrived where (frames, {channels})"
@@ -297,10 +295,7 @@ class SessionWriter:
         return PolfuseError(what, where=str(self.partial), advice="declare it in the session's configuration")
 
     def _row(self, table: str, values: tuple[Any, ...]) -> None:
-        dataset = self._tables[table]
-        number = dataset.shape[0]
-        dataset.resize(number + 1, axis=0)
-        dataset[number] = np.array(values, dtype=dataset.dtype)
+        self._tables[table].append_row(values)
 
 
 def discard_unborn(path: Path) -> None:

@@ -6,14 +6,20 @@ When stdin ends without a ``close`` message, the engine has died: the file is cl
 from __future__ import annotations
 
 import os
+import queue
 import signal
 import sys
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.session import wire
 from polfuse_lab.session.writer import SessionWriter
+
+READ_AHEAD = 8
+"""Messages that may wait inside this process, besides those in the pipe."""
 
 
 def main() -> None:
@@ -47,10 +53,8 @@ def main() -> None:
 def serve(answer: Any) -> None:
     """Read messages from stdin until the session is closed. Raises :class:`PolfuseError` when writing fails."""
     writer: SessionWriter | None = None
-    source = sys.stdin.buffer
     try:
-        while (message := wire.read_message(source.read)) is not None:
-            header, payload = message
+        for header, payload in _ahead(sys.stdin.buffer.read):
             kind = header["kind"]
             if kind == "create":
                 writer = SessionWriter.create(
@@ -77,6 +81,26 @@ def serve(answer: Any) -> None:
         if writer is not None:
             writer.close("failed", "the writer failed")
         raise
+
+
+def _ahead(read: Callable[[int], bytes]) -> Iterator[wire.Message]:
+    """Messages, read in a thread of its own: the next one crosses the pipe while this one is compressed."""
+    messages: queue.Queue[wire.Message | BaseException | None] = queue.Queue(READ_AHEAD)
+
+    def work() -> None:
+        try:
+            while (message := wire.read_message(read)) is not None:
+                messages.put(message)
+        except Exception as error:
+            messages.put(error)
+        else:
+            messages.put(None)
+
+    threading.Thread(target=work, name="writer input", daemon=True).start()
+    while (message := messages.get()) is not None:
+        if isinstance(message, BaseException):
+            raise message
+        yield message
 
 
 if __name__ == "__main__":

@@ -1,0 +1,54 @@
+"""Datasets that grow while they are written.
+
+h5py's own indexing makes the types and selections of HDF5 anew for each write, which takes longer than a row of a table
+does; here they are made once.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+
+class GrowingDataset:
+    """A dataset, chunked and resizable along its first axis, that is written behind its present end.
+
+    Args:
+        dataset: opened for writing, in the file's order of bytes.
+    """
+
+    def __init__(self, dataset: h5py.Dataset) -> None:
+        self.dtype: np.dtype[Any] = dataset.dtype
+        """Type of an item."""
+        self.shape: tuple[int, ...] = dataset.shape[1:]
+        """Shape of an item."""
+        self.chunk: int = dataset.chunks[0]
+        """Items in a chunk."""
+        self.items: int = dataset.shape[0]
+        """Items so far."""
+        self._id = dataset.id
+        self._memory_type = h5py.h5t.py_create(dataset.dtype)
+
+    def append(self, items: NDArray[Any], *, at: int | None = None) -> None:
+        """Write ``items``, shape (n, *shape), at the end, or further on at ``at`` (what is skipped reads as zeros).
+
+        Raises:
+            OSError, RuntimeError: as h5py does where writing fails; the dataset may have grown without the items then.
+        """
+        first = self.items if at is None else at
+        values = np.ascontiguousarray(items, dtype=self.dtype)
+        end = first + len(values)
+        self._id.set_extent((end, *self.shape))
+        self.items = end
+        if not len(values):
+            return
+        target = self._id.get_space()
+        target.select_hyperslab((first, *(0 for _ in self.shape)), values.shape)
+        self._id.write(h5py.h5s.create_simple(values.shape), target, values, self._memory_type)
+
+    def append_row(self, values: tuple[Any, ...]) -> None:
+        """Write one row of a table. Raises as :meth:`append`."""
+        self.append(np.array([values], dtype=self.dtype))
