@@ -53,10 +53,7 @@ def start_gige_camera(file: SceneFile, world: World, seed: int) -> GigeCamera:
 
 
 def _optics(camera: CameraEntry) -> Optics:
-    mosaic = None
-    if camera.mosaic != "none":
-        (a, b), (c, d) = parse_mosaic(camera.mosaic).angles_deg
-        mosaic = (float(a), float(b)), (float(c), float(d))
+    mosaic = parse_mosaic(camera.mosaic) if camera.mosaic != "none" else None
     return Optics(
         width_px=camera.width_px,
         height_px=camera.height_px,

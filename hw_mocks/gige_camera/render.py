@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Protocol
@@ -15,11 +14,12 @@ from hw_mocks.sensor import Sensor, setting_of
 from hw_mocks.world import World
 from processing.optics.analyser import measurement_matrix
 from processing.optics.camera_model import Pinhole
+from processing.optics.mosaic import Mosaic, parse_mosaic, through_mosaic
 from processing.scene.model import Scene
 from processing.scene.optical import stokes_image
 
-SONY_MOSAIC = ((90.0, 45.0), (135.0, 0.0))
-"""Polarizer angles, degrees, of the 2 x 2 pixels from the first pixel on, as on Sony's polarization sensors."""
+SONY_MOSAIC = parse_mosaic("90-45-135-0")
+"""Polarizers on the pixels of Sony's polarization sensors."""
 
 _INSTANTS = 33
 _CACHED = 64
@@ -92,7 +92,7 @@ class SceneView:
         sensor: noise and limits.
         reference_exposure_s: exposure for which the scene's counts hold, s.
         extinction_ratio: of the polarizers, maximum over minimum transmittance.
-        mosaic: 2 x 2 angles in degrees, or None for a monochrome sensor.
+        mosaic: polarizers on the pixels, or None for a monochrome sensor.
         seed: of the noise.
         repeat_after: number of different frames at one setting after which they come again in turn, 0 for never.
             Noise takes some 50 ms for a frame of 782 x 582; repeated frames take none.
@@ -107,7 +107,7 @@ class SceneView:
         *,
         reference_exposure_s: float,
         extinction_ratio: float,
-        mosaic: tuple[tuple[float, float], tuple[float, float]] | None,
+        mosaic: Mosaic | None,
         seed: int,
         repeat_after: int,
     ) -> None:
@@ -116,7 +116,7 @@ class SceneView:
         self._world, self._sensor = world, sensor
         self._reference_s, self._extinction = reference_exposure_s, extinction_ratio
         self._seed, self._repeat_after = seed, repeat_after
-        self._mosaic = None if mosaic is None else self._through_mosaic(mosaic)
+        self._mosaic = None if mosaic is None else through_mosaic(self._counts, mosaic, extinction_ratio)
         self._taken: dict[int, int] = {}
         self._cache: OrderedDict[tuple[object, ...], Image] = OrderedDict()
 
@@ -163,11 +163,3 @@ class SceneView:
             light = self._mosaic[rows, columns]
         light = light * (exposure.duration_s / self._reference_s)
         return self._sensor.expose(light, [self._seed, setting, taken], gain=exposure.gain)
-
-    def _through_mosaic(self, mosaic: tuple[tuple[float, float], tuple[float, float]]) -> NDArray[np.float64]:
-        light = np.empty(self.shape)
-        for i in range(2):
-            for k in range(2):
-                row = measurement_matrix([math.radians(mosaic[i][k])], self._extinction)[0]
-                light[i::2, k::2] = np.tensordot(row, self._counts[:, i::2, k::2], axes=1)
-        return light

@@ -9,6 +9,7 @@ from hw_mocks.gige_camera.pixel_packing import PixelFormat
 from hw_mocks.gige_camera.sender import Link
 from hw_mocks.sensor import Sensor
 from processing.optics.camera_model import Pinhole
+from processing.optics.mosaic import Mosaic
 
 
 @dataclass(frozen=True)
@@ -22,8 +23,8 @@ class Optics:
     position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     depression_deg: float = 17.0
     extinction_ratio: float = 800.0
-    mosaic: tuple[tuple[float, float], tuple[float, float]] | None = None
-    """Polarizer angles, degrees, of the first 2 x 2 pixels (:data:`hw_mocks.gige_camera.render.SONY_MOSAIC`); None for
+    mosaic: Mosaic | None = None
+    """Polarizers on the pixels (:data:`hw_mocks.gige_camera.render.SONY_MOSAIC`); None for
     a monochrome sensor behind the rig's polarizer."""
 
     def pinhole(self) -> Pinhole:

@@ -12,6 +12,7 @@ from hw_mocks.scene_camera import SceneCamera
 from hw_mocks.sensor import Sensor
 from hw_mocks.world import World
 from hw_mocks.world_link import WorldServer
+from processing.optics.mosaic import Mosaic
 from processing.scene.model import Scene
 
 # A scene of nothing but background, whose Stokes vector is known everywhere.
@@ -27,7 +28,9 @@ def intensity(angle_rad: float, extinction: float = math.inf) -> float:
     return 40_000 * 0.5 * ((1 + r) * S[0] + (1 - r) * polarized)
 
 
-def view(world: World, *, mosaic: object = None, extinction: float = math.inf, repeat_after: int = 0) -> SceneView:
+def view(
+    world: World, *, mosaic: Mosaic | None = None, extinction: float = math.inf, repeat_after: int = 0
+) -> SceneView:
     return SceneView(
         SCENE,
         world,
@@ -35,7 +38,7 @@ def view(world: World, *, mosaic: object = None, extinction: float = math.inf, r
         SILENT,
         reference_exposure_s=0.01,
         extinction_ratio=extinction,
-        mosaic=mosaic,  # type: ignore[arg-type]
+        mosaic=mosaic,
         seed=1,
         repeat_after=repeat_after,
     )
@@ -87,14 +90,14 @@ def test_exposure_time_and_gain() -> None:
     assert amplified.var() == pytest.approx(4 * light, rel=6 * math.sqrt(2 / amplified.size))
 
 
-@pytest.mark.parametrize("mosaic", [SONY_MOSAIC, ((0.0, 135.0), (45.0, 90.0))])
-def test_mosaic_does_not_care_for_the_rig_s_polarizer(mosaic: tuple[tuple[float, float], tuple[float, float]]) -> None:
+@pytest.mark.parametrize("mosaic", [SONY_MOSAIC, Mosaic(((0, 135), (45, 90)))])
+def test_mosaic_does_not_care_for_the_rig_s_polarizer(mosaic: Mosaic) -> None:
     world = World()
     world.polarizer_rad.hold(0.7, 0)
     image = view(world, mosaic=mosaic).take(exposure())
     for i in range(2):
         for k in range(2):
-            mean_of(image[i::2, k::2], intensity(math.radians(mosaic[i][k])))
+            mean_of(image[i::2, k::2], intensity(math.radians(mosaic.angles_deg[i][k])))
 
 
 def test_repeated_frames() -> None:
