@@ -6,11 +6,20 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from polfuse_lab.imports.frames_session import FramesImport, import_frames
+    from polfuse_lab.imports.sar_wav import SarWavImport, import_sar_wav
     from polfuse_lab.imports.wav import WavImport, import_wav
 
-__all__ = ["WavImport", "import_wav"]
+__all__ = ["FramesImport", "SarWavImport", "WavImport", "import_frames", "import_sar_wav", "import_wav"]
 
-_HOMES = {"WavImport": "wav", "import_wav": "wav"}
+_HOMES = {
+    "FramesImport": "frames_session",
+    "SarWavImport": "sar_wav",
+    "WavImport": "wav",
+    "import_frames": "frames_session",
+    "import_sar_wav": "sar_wav",
+    "import_wav": "wav",
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -38,11 +38,26 @@ class Format:
     """Names of the options that its ``run`` takes besides the files and the output."""
 
 
+_RADAR = frozenset({"bandwidth_hz", "centre_hz", "sweep_period_s", "up_ramp"})
+_FRAMES = frozenset({"rig", "dark", "angles", "angle_pattern", "bits", "exposure_s", "angle_sd_deg"})
+
 FORMATS: Mapping[str, Format] = {
     "wav": Format(
         "stereo WAV files of a ranging radar, beat and sync",
         "polfuse_lab.imports.wav",
-        frozenset({"bandwidth_hz", "centre_hz", "sweep_period_s", "up_ramp", "channel"}),
+        _RADAR | {"channel"},
+    ),
+    "sar-wav": Format(
+        "stereo WAV files of a rail radar that was switched off from mark to mark, one for each channel",
+        "polfuse_lab.imports.sar_wav_command",
+        _RADAR
+        | _FRAMES
+        | {"channel", "channels", "step_m", "positions", "drop", "repeats", "antenna_height_m", "frames"},
+    ),
+    "frames": Format(
+        "TIFF or PNG frames of a polarizer series",
+        "polfuse_lab.imports.frames_session",
+        _FRAMES,
     ),
 }
 """Every format that ``polfuse import --as`` knows."""

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from drivers.records import AudioBlock, Channel
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.imports.foreign_rig import DEFAULT_BANDWIDTH_HZ, DEFAULT_CENTRE_HZ, radar_assumptions
 from polfuse_lab.imports.formats import Imported
 from polfuse_lab.imports.riff import Wav, read_wav
 from polfuse_lab.records import Sweeps
@@ -20,11 +21,6 @@ from polfuse_lab.session import SessionConfig, SessionWriter
 from processing.errors import DataError
 from processing.radar.ramp_direction import ramp_direction
 from processing.radar.sync import Polarity, Sync, find_sync
-
-DEFAULT_BANDWIDTH_HZ = 80e6
-"""Bandwidth assumed where none is given (thesis Table 5.1)."""
-DEFAULT_CENTRE_HZ = 2.4e9
-"""Centre frequency assumed where none is given (thesis Table 5.1)."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +77,7 @@ def import_wav(
     paths = [Path(file) for file in files]
     wavs = [read_wav(path) for path in paths]
     syncs = [_sync(path, wav, nominal_period_s, polarity) for path, wav in zip(paths, wavs, strict=True)]
-    _check_agreement(paths, wavs, syncs)
+    check_agreement(paths, wavs, syncs)
     first = max(syncs, key=lambda sync: sync.polarity_from in ("motion", "duration"))
     notes = _notes(bandwidth_hz is None, centre_hz is None, first)
     period = float(np.median([sync.period_s for sync in syncs]))
@@ -105,7 +101,7 @@ def import_wav(
         sample_dtype=wavs[0].samples.dtype.name,
         audio_block_frames=max(len(wav.samples) for wav in wavs),
         extra={
-            "files": [_provenance(path, wav) for path, wav in zip(paths, wavs, strict=True)],
+            "files": [file_provenance(path, wav) for path, wav in zip(paths, wavs, strict=True)],
             "bandwidth_assumed": bandwidth_hz is None,
             "centre_assumed": centre_hz is None,
             "sync_channel": first.channel,
@@ -186,8 +182,12 @@ def _sync(path: Path, wav: Wav, nominal_period_s: float, polarity: Polarity) -> 
     return sync
 
 
-def _check_agreement(paths: Sequence[Path], wavs: Sequence[Wav], syncs: Sequence[Sync]) -> None:
-    """All files must come from one radar on one sound card."""
+def check_agreement(paths: Sequence[Path], wavs: Sequence[Wav], syncs: Sequence[Sync]) -> None:
+    """All files must come from one radar on one sound card.
+
+    Raises:
+        PolfuseError: a file differs from the first one in rate, type, sync channel, polarity or period.
+    """
     known = [sync.inverted for sync in syncs if sync.polarity_from != "convention"] or [syncs[0].inverted]
     for path, wav, sync in zip(paths, wavs, syncs, strict=True):
         differs = None
@@ -208,20 +208,14 @@ def _check_agreement(paths: Sequence[Path], wavs: Sequence[Wav], syncs: Sequence
 
 
 def _notes(bandwidth_assumed: bool, centre_assumed: bool, sync: Sync) -> tuple[str, ...]:
-    notes = []
-    if bandwidth_assumed:
-        notes.append(
-            f"bandwidth {DEFAULT_BANDWIDTH_HZ / 1e6:.0f} MHz is an assumption: "
-            "ranges and speeds scale with 1 / bandwidth"
-        )
-    if centre_assumed:
-        notes.append(f"centre frequency {DEFAULT_CENTRE_HZ / 1e9:.1f} GHz is an assumption: Doppler scales with it")
+    notes = [*radar_assumptions(not bandwidth_assumed, not centre_assumed)]
     if sync.polarity_from == "convention":
         notes.append("both levels of the sync last equally long: the high one is taken for the up-ramp")
     return tuple(notes)
 
 
-def _provenance(path: Path, wav: Wav) -> dict[str, str | int | float]:
+def file_provenance(path: Path, wav: Wav) -> dict[str, str | int | float]:
+    """Where samples came from, for the session's configuration: JSON values."""
     return {
         "name": path.name,
         "sha256": wav.sha256,
