@@ -20,13 +20,13 @@ def init(
     json_: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Write a commented example rig and plans: the thesis's rail rig.
+    """Write a commented example rig, its plans, and a plan of each other kind: the thesis's rail rig.
 
     Example: polfuse init my_rig
     """
     from polfuse_lab.rig.examples import write_examples
 
     written = write_examples(directory, by_hand=by_hand, force=force)
-    lines = [f"{key:5} {path}" for key, path in written.items()]
+    lines = [f"{key:18} {path}" for key, path in written.items()]
     text = "\n".join([*lines, f"Next: set the ports in {written['rig']}, then 'polfuse doctor {written['rig']}'."])
     result(written, as_json=json_, text=text)

@@ -3,32 +3,40 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from polfuse_lab.cli.output import Debug, Json, guarded, result
+
+if TYPE_CHECKING:
+    from polfuse_lab.plans.dry_run import DryRun
 
 
 @guarded
 def plan(
     rig: Annotated[Path, typer.Argument(metavar="RIG.toml", help="Rig file.")],
     plan: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Plan file.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="SESSION.h5", help="Where it would be recorded: is there room?"),
+    ] = None,
+    list_: Annotated[bool, typer.Option("--list", help="List every step, as JSON in a line of its own.")] = False,
     json_: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Dry run: steps, time, file size and limits of a collect; touches no device.
+    """Dry run: steps, time, file size, limits and wear of a collect; touches no device.
 
-    Example: polfuse plan rig.toml plan.toml
+    Example: polfuse plan rig.toml plan.toml -o session.h5
     """
     from polfuse_lab.plans import load_plan
     from polfuse_lab.plans.dry_run import dry_run
+    from polfuse_lab.plans.step_json import steps_to_plain
     from polfuse_lab.rig import load_rig
 
-    outcome = dry_run(load_rig(rig), load_plan(plan))
-    minutes, seconds = divmod(round(outcome.seconds), 60)
-    lines = [f"{len(outcome.steps)} steps, about {minutes} min {seconds:02d} s, at most {outcome.bytes / 1e6:.1f} MB"]
-    lines += [f"problem: {problem}" for problem in outcome.problems] or ["no problems found"]
+    loaded = load_plan(plan)
+    outcome = dry_run(load_rig(rig), loaded, output=Path.cwd() / "session.h5" if output is None else output)
+    listed = steps_to_plain(outcome.steps) if list_ else []
     result(
         {
             "steps": len(outcome.steps),
@@ -36,7 +44,38 @@ def plan(
             "bytes": outcome.bytes,
             "limits_ok": outcome.limits_ok,
             "problems": outcome.problems,
-        },
+            "warnings": outcome.warnings,
+            "kind": loaded.kind,
+            "positions": outcome.planned.positions,
+            "sweeps": outcome.records,
+            "frames": outcome.planned.frames + outcome.planned.dark_frames,
+            "switch_cycles": outcome.switch_cycles,
+            "questions": outcome.questions,
+            "free_bytes": outcome.free_bytes,
+        }
+        | ({"list": listed} if list_ else {}),
         as_json=json_,
-        text="\n".join(lines),
+        text="\n".join([*_lines(outcome), *_listed(listed)]),
     )
+
+
+def _lines(outcome: DryRun) -> list[str]:
+    """The outcome in words."""
+    minutes, seconds = divmod(round(outcome.seconds), 60)
+    planned = outcome.planned
+    free = "" if outcome.free_bytes is None else f" ({outcome.free_bytes / 1e6:.0f} MB are free)"
+    lines = [
+        f"{len(outcome.steps)} steps, about {minutes} min {seconds:02d} s, at most {outcome.bytes / 1e6:.1f} MB{free}",
+        f"positions: {planned.positions}, audio records: {outcome.records},"
+        f" camera frames: {planned.frames + planned.dark_frames}, changes of the switches: {outcome.switch_cycles}",
+    ]
+    if outcome.questions:
+        lines.append(f"questions to the operator: {outcome.questions}")
+    lines += [f"note: {warning}" for warning in outcome.warnings]
+    return lines + ([f"problem: {problem}" for problem in outcome.problems] or ["no problems found"])
+
+
+def _listed(steps: list[dict[str, object]]) -> list[str]:
+    import json
+
+    return [f"{number:6} {json.dumps(step, ensure_ascii=False)}" for number, step in enumerate(steps, start=1)]

@@ -20,8 +20,9 @@ from polfuse_lab.engine import directory as directories
 from polfuse_lab.engine import protocol
 from polfuse_lab.engine.protocol import Finished, Prompt, StatusEvent
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.plans import load_plan
+from polfuse_lab.plans import Plan, parse_plan, plan_to_toml
 from polfuse_lab.rig import load_rig
+from polfuse_lab.rig.toml_model import read_text
 
 START_S = 30.0
 DEAF_S = 10.0
@@ -46,22 +47,27 @@ class EngineClient:
         """Process id of the engine."""
 
     @classmethod
-    def start(cls, rig_path: Path | str, plan_path: Path | str, output: Path | str) -> EngineClient:
+    def start(cls, rig_path: Path | str, plan: Path | str | Plan, output: Path | str) -> EngineClient:
         """Start an engine for one collect, detached from this process and its terminal, and attach to it.
+
+        Args:
+            rig_path: the rig file.
+            plan: the plan file, or a plan made in Python.
+            output: the session file to be written; must not exist.
 
         Raises:
             PolfuseError: a file is wrong, or the engine does not start.
         """
-        rig_path, plan_path = Path(rig_path).resolve(), Path(plan_path).resolve()
+        rig_path = Path(rig_path).resolve()
         load_rig(rig_path)
-        load_plan(plan_path)
+        plan_path, plan_toml = _plan_text(plan)
         private = directories.make()
         token = secrets.token_urlsafe(32)
         request = protocol.Request(
             rig_path=str(rig_path),
             rig_toml=rig_path.read_text(encoding="utf-8"),
-            plan_path=str(plan_path),
-            plan_toml=plan_path.read_text(encoding="utf-8"),
+            plan_path=plan_path,
+            plan_toml=plan_toml,
             output=str(Path(output).resolve()),
             token=token,
             transport=directories.transport(private),
@@ -252,6 +258,17 @@ class EngineClient:
         return (fatal or lines or ["it left no message"])[-1]
 
 
+def _plan_text(plan: Path | str | Plan) -> tuple[str, str]:
+    """Name and text of a plan's file. Raises :class:`PolfuseError` where the plan is wrong."""
+    if isinstance(plan, Plan):
+        name, text = f"plan '{plan.name}'", plan_to_toml(plan)
+    else:
+        name = str(Path(plan).resolve())
+        text = read_text(name)
+    parse_plan(text, name)
+    return name, text
+
+
 def running_engines() -> list[Path]:
     """Directories of this user's running engines, for :meth:`EngineClient.attach`."""
     return directories.running()
@@ -259,7 +276,7 @@ def running_engines() -> list[Path]:
 
 def collect(
     rig_path: Path | str,
-    plan_path: Path | str,
+    plan: Path | str | Plan,
     output: Path | str,
     *,
     on_status: Callable[[StatusEvent], None] | None = None,
@@ -271,7 +288,7 @@ def collect(
 
     Args:
         rig_path: the rig file.
-        plan_path: the plan file.
+        plan: the plan file, or a plan made in Python (see :mod:`polfuse_lab.plans.custom`).
         output: the session file to be written; must not exist.
         on_status: called with each status, about five times a second.
         on_prompt: called with the client and each prompt for the operator of a hand-operated device; without it, the
@@ -280,7 +297,7 @@ def collect(
     Raises:
         PolfuseError: a file is wrong, or the engine does not start or dies.
     """
-    with EngineClient.start(rig_path, plan_path, output) as client:
+    with EngineClient.start(rig_path, plan, output) as client:
 
         def ask(prompt: Prompt) -> None:
             if on_prompt is None:

@@ -8,8 +8,7 @@ import json
 import math
 import re
 import types
-from collections.abc import Callable, Iterable, Mapping
-from functools import cache
+from collections.abc import Iterable, Mapping
 from typing import Any, get_args, get_type_hints
 
 from drivers.records import Channel
@@ -19,6 +18,7 @@ _CLASSES: Mapping[str, type[Any]] = {
     re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower(): cls for cls in get_args(Step)
 }
 _NAMES = {cls: name for name, cls in _CLASSES.items()}
+_FIELDS: Mapping[type[Any], Mapping[str, Any]] = {cls: get_type_hints(cls) for cls in _NAMES}
 
 
 def step_to_plain(step: Step) -> dict[str, Any]:
@@ -44,7 +44,7 @@ def step_from_plain(values: object) -> Step:
         close = difflib.get_close_matches(str(name), _CLASSES, n=1)
         hint = f" (did you mean {close[0]!r}?)" if close else ""
         raise ValueError(f"step: found {_short(name)}{hint}, allowed: {', '.join(_CLASSES)}")
-    fields = _hints(cls)
+    fields = _FIELDS[cls]
     if unknown := [key for key in values if key != "step" and key not in fields]:
         raise ValueError(f"{name}: found a key {unknown[0]!r} that is not known, allowed: {', '.join(fields)}")
     missing = [
@@ -92,11 +92,6 @@ def steps_from_json(text: str) -> tuple[Step, ...]:
     except RecursionError:
         raise ValueError("is not a list of steps: it is nested too deeply") from None
     return steps_from_plain(values)
-
-
-@cache
-def _hints(cls: Callable[..., Any]) -> dict[str, Any]:
-    return get_type_hints(cls)
 
 
 def _value(value: object, hint: Any, where: str) -> Any:
