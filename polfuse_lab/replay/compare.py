@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.session import Session, layout, open_session
+from polfuse_lab.session import Session, layout, open_session, versions
 
 CIRCUMSTANCES = ("source", "host", "versions", "started", "start_unix_s", "start_host_ns")
 """Entries of the configuration that tell where and when a file was written, not what was recorded."""
@@ -73,9 +73,14 @@ def _state(a: Session, b: Session) -> list[Difference]:
 
 
 def _dataset(name: str, a: h5py.Dataset | None, b: h5py.Dataset | None) -> list[Difference]:
+    table = name in layout.TABLES
     if a is None or b is None:
-        return [] if a is b else [Difference(name, f"only in the {'second' if a is None else 'first'} session")]
-    if a.dtype != b.dtype or a.shape[1:] != b.shape[1:]:
+        there = a if b is None else b
+        # A table that came with a later version is as good as an empty one.
+        if there is None or (table and len(there) == 0):
+            return []
+        return [Difference(name, f"only in the {'second' if a is None else 'first'} session")]
+    if (a.dtype != b.dtype and not table) or a.shape[1:] != b.shape[1:]:
         return [Difference(name, f"{a.dtype} rows of {a.shape[1:]} and {b.dtype} rows of {b.shape[1:]}")]
     found = []
     if len(a) != len(b):
@@ -87,6 +92,8 @@ def _dataset(name: str, a: h5py.Dataset | None, b: h5py.Dataset | None) -> list[
     for start in range(0, min(len(a), len(b)), rows):
         stop = min(start + rows, len(a), len(b))
         here, there = a[start:stop], b[start:stop]
+        if table:
+            here, there = versions.upgraded(name, here), versions.upgraded(name, there)
         if here.tobytes() == there.tobytes():
             continue
         wrong = np.flatnonzero((_bytes(here) != _bytes(there)).any(axis=1))

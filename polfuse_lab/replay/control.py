@@ -36,6 +36,9 @@ class ReplayControl(Control):
     def slice(self, seconds: float = SLICE_S) -> None:
         """Wait for one slice. Raises as :meth:`Control.slice`."""
         self._answer_prompts()
+        if self._tape.pause_due:
+            self._tape.take_incident()
+            self.pause()
         super().slice(seconds)
 
     def sleep(self, seconds: float) -> None:

@@ -17,12 +17,13 @@ from drivers.records import (
     TrolleyFix,
 )
 from polfuse_lab.replay.clock import ReplayClock
-from polfuse_lab.replay.records import audio_block, frame, polarizer_fix, switch_state, trolley_fix
+from polfuse_lab.replay.records import audio_block, frame, polarizer_fix, source_fix, switch_state, trolley_fix
 from polfuse_lab.replay.tape import Diverged, Tape
 from polfuse_lab.rig import Rig
 from polfuse_lab.scheduler.control import Control
-from polfuse_lab.scheduler.devices import Device, DeviceSet
+from polfuse_lab.scheduler.devices import Device, DeviceSet, device_kinds
 from polfuse_lab.scheduler.lane import Lane
+from polfuse_lab.scheduler.watch import Seen
 
 LEAD_NS = 2_000_000_000
 """Where nothing went on in the recording (a pause, a person at work) the clock skips to so long before what comes."""
@@ -53,6 +54,10 @@ class Playback:
     def close(self) -> None:
         """Nothing to release: the session is not this device's."""
 
+    def recall(self, record: int) -> list[Seen]:
+        """What the device was seen to do while a record was taken."""
+        return [observed.state for observed in self._tape.observed(self.kind, record)]
+
     def _lead_in(self, natural_ns: int = 0) -> None:
         """Skip what is longer than ``natural_ns`` (what the device itself took) and a moment before the next record."""
         at = self._tape.next_ns(self.kind)
@@ -68,6 +73,7 @@ class PlaybackRadar(Playback):
     def __init__(self, tape: Tape, clock: ReplayClock, identity: Identity) -> None:
         super().__init__(tape, clock, identity)
         self._asked = 0
+        self._gapless = False
         self._lost = 0
         self._level = Level()
 
@@ -83,8 +89,13 @@ class PlaybackRadar(Playback):
 
     def begin(self, frames: int) -> None:
         """Ask for the next recorded block."""
-        self._asked = frames
+        self._asked, self._gapless = frames, False
         self._lead_in()
+
+    def begin_stream(self, frames: int) -> None:
+        """Ask for the recorded blocks of a pass."""
+        self.begin(frames)
+        self._gapless = True
 
     def poll(self) -> AudioBlock | None:
         """The block asked for once the clock is at its end. Raises when it was not of the length asked for."""
@@ -94,6 +105,8 @@ class PlaybackRadar(Playback):
             config = session.config
             shape = (self._asked, int(config["audio_channels"]))
             return AudioBlock(np.zeros(shape, config["sample_dtype"]), self.sample_rate_hz, 0, 0.0, 0)
+        if self._gapless and self._tape.pauses(self.kind):
+            return None
         number = self._tape.ask(self.kind)
         row = session.sweeps[number]
         if int(row["samples"]) != self._asked:
@@ -111,7 +124,7 @@ class PlaybackRadar(Playback):
 
     def cancel(self) -> None:
         """Forget the block asked for."""
-        self._asked = 0
+        self._asked, self._gapless = 0, False
 
     def level(self) -> Level:
         """Levels at the end of the block delivered last."""
@@ -154,10 +167,10 @@ class PlaybackTrolley(Playback):
         """The rail's ends."""
         return -self._half_m, self._half_m
 
-    def start_move(self, x_m: float) -> None:
+    def start_move(self, x_m: float, speed_m_s: float | None = None) -> None:
         """The next recorded fix is the end of this move."""
         self._moving = True
-        self._lead_in(round(1.5e9 * abs(x_m - self._from.x_m) / self._speed_m_s))
+        self._lead_in(round(1.5e9 * abs(x_m - self._from.x_m) / (speed_m_s or self._speed_m_s)))
         self._began_ns = self._clock.now_ns()
 
     def poll(self) -> TrolleyFix:
@@ -182,9 +195,11 @@ class PlaybackTrolley(Playback):
 
 
 class PlaybackPolarizer(Playback):
-    """The polarizer: its fixes."""
+    """A polarizer, the camera's or the light source's (``kind``): its fixes."""
 
-    kind = "polarizer"
+    def __init__(self, tape: Tape, clock: ReplayClock, identity: Identity, kind: str = "polarizer") -> None:
+        super().__init__(tape, clock, identity)
+        self.kind = kind
 
     def start_turn(self, angle_rad: float) -> None:
         """The next recorded fix is the end of this turn."""
@@ -192,7 +207,8 @@ class PlaybackPolarizer(Playback):
 
     def poll(self) -> PolarizerFix:
         """The next recorded fix, moving while the clock has not reached it."""
-        fix = polarizer_fix(self._tape.session, self._tape.ask(self.kind))
+        number, session = self._tape.ask(self.kind), self._tape.session
+        fix = polarizer_fix(session, number) if self.kind == "polarizer" else source_fix(session, number).fix
         if not self._clock.reached(fix.t_host_ns):
             return PolarizerFix(fix.angle_rad, fix.sd_rad, True, self._clock.now_ns())
         self._tape.answered(self.kind)
@@ -262,12 +278,9 @@ class PlaybackCamera(Playback):
 
 def playback_devices(tape: Tape, clock: ReplayClock, rig: Rig, control: Control, *, optics: bool) -> DeviceSet:
     """One playback device for each device of the recording, in the scheduler's order."""
-    kinds = ["radar", "switches", "trolley"] + (["camera", "polarizer"] if optics else [])
-    if rig.has_mosaic:
-        kinds.remove("polarizer")
     recorded = [Identity(**fields) for fields in tape.session.config["identities"]]
     made = DeviceSet(control)
-    for number, kind in enumerate(kinds):
+    for number, kind in enumerate(device_kinds(rig, optics=optics)):
         identity = recorded[number] if number < len(recorded) else Identity(kind, "replay", f"recorded {kind}")
         device: contracts.Device
         match kind:
@@ -280,7 +293,7 @@ def playback_devices(tape: Tape, clock: ReplayClock, rig: Rig, control: Control,
             case "camera":
                 device = PlaybackCamera(tape, clock, identity)
             case _:
-                device = PlaybackPolarizer(tape, clock, identity)
+                device = PlaybackPolarizer(tape, clock, identity, kind)
         # As if by hand: how long a move may take was decided when it was recorded.
         made.by_kind[kind] = Device(kind, "replay", device, Lane(f"replay {kind}"), by_hand=True)
     return made

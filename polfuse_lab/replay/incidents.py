@@ -15,7 +15,7 @@ from polfuse_lab.errors import PolfuseError
 ENDINGS = ("finished", "aborted", "failed")
 """Kinds of the event with which the scheduler ends a session."""
 
-_PAUSED = re.compile(r".* before step (\d+)$")
+_PAUSED = re.compile(r".* (before|in) step (\d+)$")
 _LOST = re.compile(r"(\w+) in step (\d+): (.*)$", re.DOTALL)
 _RESUMED = re.compile(r"repeating from step (\d+)")
 _LOOK = re.compile(r"exposure (\S+) s of (\S+) to (\S+) s, brightest pixel (\d+) counts$")
@@ -27,6 +27,8 @@ class Pause:
 
     step: int
     t_host_ns: int
+    inside: bool = False
+    """In the middle of the step: a pass that was stopped, to be repeated."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ def incidents(events: NDArray[np.void], where: str) -> deque[Incident]:
             match = _PAUSED.match(text)
             if match is None:
                 raise _unplaced(kind, where)
-            found.append(Pause(int(match[1]) - 1, t_host_ns))
+            found.append(Pause(int(match[2]) - 1, t_host_ns, match[1] == "in"))
         elif kind == "lost":
             match = _LOST.match(text)
             if match is None:

@@ -151,7 +151,7 @@ class Player:
                 self._control.abort(self._session.reason)  # it ended in this pause
             else:
                 self._control.resume()
-        elif isinstance(incident, Pause):
+        elif isinstance(incident, Pause) and not incident.inside:
             begins = status.state is RunState.PREPARING and incident.step == 0
             if begins or (status.state is RunState.RUNNING and status.step == incident.step - 1):
                 self._pause()
@@ -161,7 +161,9 @@ class Player:
         if event.kind == "back":
             self._tape.recovering = False
         incident = self._tape.incident
-        if event.kind == "resumed" and isinstance(incident, Pause) and incident.step == rewound_to(event.text):
+        if not isinstance(incident, Pause) or incident.inside:
+            return
+        if event.kind == "resumed" and incident.step == rewound_to(event.text):
             self._pause()
 
     def _pause(self) -> None:

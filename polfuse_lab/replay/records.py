@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
+import numpy as np
+
 from drivers.records import AudioBlock, Channel, ClockFix, Frame, PolarizerFix, SwitchState, TrolleyFix
-from polfuse_lab.records import Event, Exposure, Note, Record, SweepFlag, Sweeps
+from polfuse_lab.records import Event, Exposure, FrameFlag, Note, Observed, Record, SourceFix, SweepFlag, Sweeps
 from polfuse_lab.session import Session
+from polfuse_lab.session.layout import UNASKED
 
 
 def audio_block(session: Session, number: int) -> AudioBlock:
@@ -56,8 +60,18 @@ def frame(session: Session, number: int) -> Frame:
 def exposure(session: Session, number: int) -> Exposure:
     """A frame with the polarizer's angle. Raises as :meth:`Session.frame`."""
     row = session.frames[number]
-    angle, sd = float(row["angle_rad"]), float(row["angle_sd_rad"])
-    return Exposure(frame(session, number), angle, sd, bool(row["dark"]), int(row["attempt"]))
+    source, source_sd = float(row["source_angle_rad"]), float(row["source_angle_sd_rad"])
+    lit = not math.isnan(source)
+    return Exposure(
+        frame(session, number),
+        float(row["angle_rad"]),
+        float(row["angle_sd_rad"]),
+        bool(row["dark"]),
+        int(row["attempt"]),
+        source if lit else None,
+        source_sd if lit else 0.0,
+        FrameFlag(int(row["flags"])),
+    )
 
 
 def trolley_fix(session: Session, number: int) -> TrolleyFix:
@@ -76,7 +90,15 @@ def switch_state(session: Session, number: int) -> SwitchState:
 
 def polarizer_fix(session: Session, number: int) -> PolarizerFix:
     """A fix of the polarizer."""
-    row = session.polarizer[number]
+    return _polarizer_fix(session.polarizer[number])
+
+
+def source_fix(session: Session, number: int) -> SourceFix:
+    """A fix of the light source's polarizer."""
+    return SourceFix(_polarizer_fix(session.source_polarizer[number]))
+
+
+def _polarizer_fix(row: np.void) -> PolarizerFix:
     return PolarizerFix(float(row["angle_rad"]), float(row["sd_rad"]), bool(row["moving"]), int(row["t_host_ns"]))
 
 
@@ -103,6 +125,7 @@ _PLAIN: dict[str, Callable[[Session, int], Record]] = {
     "trolley": trolley_fix,
     "switches": switch_state,
     "polarizer": polarizer_fix,
+    "source_polarizer": source_fix,
     "clocks": clock_fix,
     "notes": note,
     "events": event,
@@ -111,4 +134,8 @@ _PLAIN: dict[str, Callable[[Session, int], Record]] = {
 
 def plain_record(session: Session, table: str, number: int) -> Record:
     """The record of a row of a table without samples or image."""
-    return _PLAIN[table](session, number)
+    record = _PLAIN[table](session, number)
+    if isinstance(record, (TrolleyFix, SwitchState, PolarizerFix, SourceFix)):
+        during = int(getattr(session, table)[number]["record"])
+        return record if during == UNASKED else Observed(record, during)
+    return record

@@ -13,19 +13,20 @@ from numpy.typing import NDArray
 from drivers.errors import DeviceError
 from drivers.records import ClockFix, PolarizerFix, SwitchState, TrolleyFix
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.records import Event, Exposure, Note, Record, Sweeps
-from polfuse_lab.replay.incidents import ENDINGS, Incident, LookTaken, Loss, incidents, looks
+from polfuse_lab.records import Event, Exposure, Note, Observed, Record, SourceFix, Sweeps
+from polfuse_lab.replay.incidents import ENDINGS, Incident, LookTaken, Loss, Pause, incidents, looks
 from polfuse_lab.replay.records import event, exposure, plain_record, sweeps
 from polfuse_lab.scheduler import Aborted
 from polfuse_lab.session import Session
 
-DEVICES = ("radar", "switches", "trolley", "camera", "polarizer")
+DEVICES = ("radar", "switches", "trolley", "camera", "polarizer", "source_polarizer")
 TABLES = {
     "radar": "sweeps",
     "camera": "frames",
     "switches": "switches",
     "trolley": "trolley",
     "polarizer": "polarizer",
+    "source_polarizer": "source_polarizer",
     "clocks": "clocks",
     "notes": "notes",
     "events": "events",
@@ -68,6 +69,8 @@ class Tape:
         """Whether a device has been lost and is not back yet; what it says meanwhile is in no table."""
         self.rolling = False
         """Whether records are taken from the tape; before that devices are only listened to."""
+        self.pause_due = False
+        """Whether the user paused here, in the middle of a step."""
         self.at_end = False
         """Whether a device has been asked for what the recording no longer holds."""
         self.finished = session.state == "finished"
@@ -132,6 +135,26 @@ class Tape:
                 raise self.end(track)
             return self._next[track]
 
+    def observed(self, track: str, record: int) -> list[Observed]:
+        """What a device was seen to do while a record was taken: the rows that follow and belong to it."""
+        with self._lock:
+            rows = getattr(self.session, TABLES[track])["record"]
+            found: list[Observed] = []
+            for number in range(self._next[track], len(rows)):
+                seen = self._plain(track, number) if rows[number] == record else None
+                if not isinstance(seen, Observed):
+                    break
+                found.append(seen)
+            return found
+
+    def pauses(self, track: str) -> bool:
+        """Whether the user paused, in the middle of a step, before a device's next record; it is due then."""
+        with self._lock:
+            incident, at = self.incident, self.next_ns(track)
+            if isinstance(incident, Pause) and incident.inside and (at is None or at > incident.t_host_ns):
+                self.pause_due = True
+            return self.pause_due
+
     def answered(self, track: str) -> None:
         """A device has reported its next record. Raises :class:`Diverged` when that is never what is waited for."""
         with self._lock:
@@ -157,6 +180,7 @@ class Tape:
         with self._lock:
             incident = self._incidents.popleft()
             self._due = None
+            self.pause_due = False
             if isinstance(incident, Loss):
                 self._lost = incident
                 self.recovering = True
@@ -197,8 +221,12 @@ class Tape:
         """What is left at the end of a recording that broke off: its tables need not end at the same record."""
         since = self.end_ns - TAIL_NS
         for track in DEVICES:
-            while (at := self.next_ns(track)) is not None and at >= since:
-                yield self._record(track, self._next[track])
+            while (at := self.next_ns(track)) is not None:
+                record = self._record(track, self._next[track])
+                # What was seen during a record is kept at its end, and is as old as its beginning.
+                if at < since and not isinstance(record, Observed):
+                    break
+                yield record
                 self._next[track] += 1
 
     def _move_on(self, track: str) -> None:
@@ -230,6 +258,10 @@ def _track(record: Record) -> str:
             return "trolley"
         case PolarizerFix():
             return "polarizer"
+        case SourceFix():
+            return "source_polarizer"
+        case Observed(state):
+            return _track(state)
         case ClockFix():
             return "clocks"
         case Note():

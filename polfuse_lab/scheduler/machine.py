@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
 
 from drivers.errors import DeviceError
 from polfuse_lab.errors import PolfuseError
@@ -26,6 +25,7 @@ from polfuse_lab.scheduler.devices import DeviceSet, make_devices
 from polfuse_lab.scheduler.passes import PassPaused
 from polfuse_lab.scheduler.prompts import Prompts
 from polfuse_lab.scheduler.recovery import Recovery
+from polfuse_lab.scheduler.seams import DeviceMaker, Recorder, Viewer
 from polfuse_lab.scheduler.status import Outcome, RunState, RunStatus
 from polfuse_lab.session.layout import STEPS, SessionConfig
 from polfuse_lab.session.naming import check_free_name, partial_path
@@ -34,58 +34,6 @@ from processing.errors import DataError
 FLUSH_S = 30.0
 LAST_WORDS_S = 10.0
 """Longest wait for room in the writer's queue for what tells how the run ended."""
-
-
-class Recorder(Protocol):
-    """Where records go; :class:`polfuse_lab.engine.recorder.WriterProcess` is the usual one."""
-
-    @property
-    def free_bytes(self) -> int | None:
-        """Free space on the disk, where it is known."""
-
-    def open(self, config: SessionConfig, *, expected_bytes: int = 0) -> None:
-        """Declare the session."""
-
-    @property
-    def failure(self) -> PolfuseError | None:
-        """Why nothing more can be written."""
-
-    def offer(self, record: Record) -> bool:
-        """Take a record, or say that there is no room at present."""
-
-    def flush(self) -> int:
-        """Begin to bring everything to the disk; return a ticket."""
-
-    def flushed(self, ticket: int) -> bool:
-        """Whether that is done."""
-
-    def close(self, state: str, reason: str) -> Path:
-        """Finish the session."""
-
-    def kill(self) -> None:
-        """Give up."""
-
-
-class Viewer(Protocol):
-    """Who looks at the records as they are made; :class:`polfuse_lab.live.LivePipeline` is the usual one."""
-
-    def offer(self, record: Record) -> None:
-        """Take a record; must return at once."""
-
-    @property
-    def fatal(self) -> str | None:
-        """Why the collect is pointless."""
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What the user should know."""
-
-
-class DeviceMaker(Protocol):
-    """Makes the devices of a run; :func:`polfuse_lab.scheduler.devices.make_devices` is the usual one."""
-
-    def __call__(self, rig: Rig, path: Path, operator: Prompts, control: Control, *, optics: bool) -> DeviceSet:
-        """Make the drivers that the rig needs, not yet opened. Raises :class:`PolfuseError`."""
 
 
 class Scheduler:
@@ -308,7 +256,7 @@ class Scheduler:
         self._confirm()
 
     def _confirm(self) -> None:
-        """Wait until what the last flush brings to the disk is there. Raises :class:`PolfuseError` when it takes long."""
+        """Wait until what the last flush brings to the disk is there. Raises :class:`PolfuseError` when it is not."""
         if self._flushing is None:
             return
         end = time.monotonic() + FLUSH_S

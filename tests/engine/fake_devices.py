@@ -78,9 +78,18 @@ class Radar(Base):
         self.frames = frames
         self.due = time.monotonic() + frames / self.sample_rate_hz / self.o.speed
 
+    def begin_stream(self, frames):
+        self.begin(frames)
+        self.stream = True
+        self.following = (self.count + 1) * 100_000
+
+    stream = False
+
     def poll(self):
         if time.monotonic() < self.due or self.o.fault == "stall":
             return None
+        if self.stream:
+            return self.next_of_the_stream()
         lost = 100 if self.count in self.o.lose else 0
         self.count += 1
         if self.o.fault == "kill_engine" and self.count == 6:
@@ -92,7 +101,25 @@ class Radar(Base):
             samples = audio(self.frames, first=first, beat=self.o.beat)
         return AudioBlock(samples, 48_000.0, first, time.monotonic(), time.monotonic_ns(), lost, False)
 
+    def next_of_the_stream(self):
+        lost = 100 if self.count in self.o.lose else 0
+        self.count += 1
+        first, self.following = self.following, self.following + self.frames + lost
+        began, self.due = (
+            self.due - self.frames / self.sample_rate_hz / self.o.speed,
+            self.due + (self.frames / self.sample_rate_hz / self.o.speed),
+        )
+        return AudioBlock(
+            audio(self.frames, first=first, beat=self.o.beat),
+            48_000.0,
+            first,
+            first / 48_000.0,
+            round(began * 1e9),
+            lost,
+        )
+
     def cancel(self):
+        self.stream = False
         self.log("cancel")
 
     def level(self):
@@ -143,7 +170,8 @@ class Trolley(Base):
     x = 0.0
     target = 0.0
 
-    def start_move(self, x_m):
+    def start_move(self, x_m, speed_m_s=None):
+        self.pace_m_s = speed_m_s or self.o.pace_m_s
         if abs(x_m) > 2:
             raise DeviceRefused("beyond its limits", where="fake trolley", advice="stay inside")
         if self.o.fault == "lost" and x_m > 0:
@@ -153,7 +181,7 @@ class Trolley(Base):
     def poll(self):
         if self.x != self.target:
             way = self.target - self.start
-            done = (time.monotonic() - self.t0) * self.o.pace_m_s
+            done = (time.monotonic() - self.t0) * self.pace_m_s
             self.x = self.target if done >= abs(way) else self.start + np.sign(way) * done
         return TrolleyFix(float(self.x), 0.0005, self.x != self.target, time.monotonic_ns(), "Idle")
 
@@ -172,7 +200,7 @@ class HandTrolley(Trolley):
         super().__init__(options)
         self.operator, self.ticket = operator, None
 
-    def start_move(self, x_m):
+    def start_move(self, x_m, speed_m_s=None):
         self.target = x_m
         self.ticket = self.operator.ask(f"move the trolley to {x_m:.3f} m")
 
