@@ -25,10 +25,12 @@ def fixes(n, *, drift_ppm=0.0, noise_s=0.0, seed=0, every_s=5.0):
 def test_drift_of_a_perfect_line_is_found(drift_ppm, n):
     fit = fit_clock("radar", *fixes(n, drift_ppm=drift_ppm))
     assert fit is not None
-    # Host stamps are rounded to 1 ns over at least 15 s: 0.5 ns / 15 s = 3.3e-11 at each end.
-    assert abs(fit.drift_ppm - drift_ppm) < 1e-4
-    assert fit.residual_rms_s < 1.1e-9
-    assert abs(fit.host_ns(100.0 + 5.0 * (n - 1)) - fixes(n, drift_ppm=drift_ppm)[1][-1]) <= 3
+    # Host stamps are rounded to 1 ns over at least 15 s: 0.5 ns / 15 s = 3.3e-11 at each end. The model's least scatter
+    # is 10 ns, which over 15 s leaves (10 ns / 11 s / 500 ppm)^2 = 3e-12 of the drift to the prior, and with few pairs
+    # larger scatters are still possible: 1e-5 of at most 200 ppm.
+    assert abs(fit.drift_ppm - drift_ppm) < 2e-3
+    assert fit.residual_rms_s < 1e-8
+    assert abs(fit.host_ns(100.0 + 5.0 * (n - 1)) - fixes(n, drift_ppm=drift_ppm)[1][-1]) <= 30  # 15 s of 2e-9
 
 
 def test_residual_is_the_noise_of_the_fixes():
@@ -62,7 +64,8 @@ def test_repeated_readings_of_a_clock_that_stands_still():
     device, host, trip = fixes(6)
     fit = fit_clock("radar", np.full_like(device, 100.0), host, trip)
     assert fit is not None
-    assert np.isfinite([fit.offset_s, fit.rate, fit.residual_rms_s]).all()
+    assert np.isfinite([fit.rate, fit.drift_sd_ppm, fit.residual_rms_s]).all()
+    assert np.isfinite(fit.sd_s(100.0, near_ns=host)).all()
 
 
 def test_the_worst_device_counts():
