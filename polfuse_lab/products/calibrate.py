@@ -15,6 +15,7 @@ from polfuse_lab.products.calibration_inputs import (
     FocusedImage,
     TargetSpec,
     read_focused,
+    read_reference,
     sky_noise,
 )
 from polfuse_lab.products.store import Products
@@ -113,8 +114,9 @@ def calibrate(
     mode: Literal["offset", "thesis"] = "offset",
     search_radius_m: float = 1.0,
     min_snr_db: float = 10.0,
+    reference: Path | str | None = None,
 ) -> CalibrationResult:
-    """Calibrate the focused image of a products file on a reflector of known RCS.
+    """Calibrate the focused image of a products file on a reflector of known RCS, in it or in a reference.
 
     The reflector's expected RCS is its apparent one: the mean of its scattering amplitude over the antenna positions,
     which is what the focused image shows. Mode "offset" applies one constant to all channels (thesis 5.9 with slope 1)
@@ -133,41 +135,47 @@ def calibrate(
         mode: see above.
         search_radius_m: how far from its stated place a target's peak may be, m.
         min_snr_db: least peak over background, dB.
+        reference: products file with the target's focused image, made with the same settings from a calibration
+            series; the target is looked for in ``products_path`` itself where left out.
 
     Raises:
-        PolfuseError: stages or channels that are missing, or files that cannot be used.
+        PolfuseError: stages or channels that are missing, a reference that was made otherwise, or files that cannot be
+            used.
         DataError: a target that is not there, too weak, or returns nothing at its angles.
     """
     products = Products(products_path)
     focused = read_focused(products)
     _refuse_unsuitable(products.path, target)
     hh = focused.channels.index("HH")
+    seen = focused if reference is None else read_reference(Products(reference), focused)
     peak = locate_target(
-        focused.image,
-        focused.x_m,
-        focused.y_m,
-        target.image_place(focused.z_m),
+        seen.image,
+        seen.x_m,
+        seen.y_m,
+        target.image_place(seen.z_m),
         radius_m=search_radius_m,
-        reference=hh,
+        reference=seen.channels.index("HH"),
         min_snr_db=min_snr_db,
-        gain=focused.range_gain,
+        gain=seen.range_gain,
     )
-    expected = _expected(focused, target)
+    # Where the target's range is in this image, for the noise there.
+    row = int(np.argmin(np.abs(focused.y_m - peak.y_m)))
+    expected = _expected(seen, target)
     expected_m2 = float(abs(expected["HH"]) ** 2)
     noise, noise_source = _noise(focused, sky)
-    at_target = dict(zip(focused.channels, peak.values, strict=True))
+    at_target = dict(zip(seen.channels, peak.values, strict=True))
     crosstalk = crosstalk_db(at_target)
     ratio = _cross_ratio(focused, crosstalk)
     gains = _gains(at_target, ratio)
     if mode == "offset":
         applied, amplitudes = gains, offset_map(peak.power, expected_m2)
     else:
-        row_noise = float(noise[hh, peak.row])
+        row_noise = float(noise[hh, row])
         applied, amplitudes = NO_IMBALANCE, two_point_map(peak.power, expected_m2, row_noise)
     balanced = balance(focused.image, focused.channels, applied)
     scattering = amplitudes.scattering(balanced)
     equivalent = _equivalent_rcs(noise, focused.channels, applied, amplitudes)
-    constant_sd = float(np.hypot(snr_sd_db(peak.snr_db), _angle_sd_db(focused, target)))
+    constant_sd = float(np.hypot(snr_sd_db(peak.snr_db), _angle_sd_db(seen, target)))
     result = CalibrationResult(
         products=products.path,
         constant_db=float(to_dbsm(expected_m2) - to_dbsm(peak.power)),
@@ -181,12 +189,13 @@ def calibrate(
         imbalance_deg=gains.co_deg if "VV" in at_target else float("nan"),
         cross_imbalance=ratio,
         noise_source=noise_source,
-        noise_equivalent_dbsm=float(to_dbsm(equivalent[hh, peak.row])),
+        noise_equivalent_dbsm=float(to_dbsm(equivalent[hh, row])),
         check=None
         if check is None
         else _checked(focused, balanced, amplitudes, check, search_radius_m, min_snr_db, constant_sd),
     )
-    _write(products, focused, scattering, equivalent, result, mode=mode, target=target, check=check, sky=sky)
+    others = [Path(path) for path in (sky, reference) if path is not None]
+    _write(products, focused, scattering, equivalent, result, others, mode=mode, target=target, check=check, sky=sky)
     return result
 
 
@@ -297,6 +306,7 @@ def _write(
     scattering: Complexes,
     equivalent: Floats,
     result: CalibrationResult,
+    others: list[Path],
     *,
     mode: str,
     target: TargetSpec,
@@ -328,7 +338,7 @@ def _write(
         "calibration",
         {"scattering": scattering.astype(np.complex64), "noise_equivalent_rcs_m2": equivalent, **axes},
         settings=settings,
-        inputs=[products.path, *([] if sky is None else [Path(sky)])],
+        inputs=[products.path, *others],
         units={"scattering": "sqrt(m^2)", "noise_equivalent_rcs_m2": "m^2", "x_m": "m", "y_m": "m"},
     )
     by_name = dict(zip(focused.channels, scattering, strict=True))

@@ -195,6 +195,26 @@ def read_focused(products: Products) -> FocusedImage:
     )
 
 
+def read_reference(products: Products, focused: FocusedImage) -> FocusedImage:
+    """The focused image of a calibration target by itself, to calibrate ``focused`` with.
+
+    Raises:
+        PolfuseError: as :func:`read_focused`, or it was not made as ``focused`` was.
+    """
+    found = read_focused(products)
+    same = ("window", "beamwidth_rad", "depression_rad", "centre_hz", "bandwidth_hz", "z_m")
+    other = [name for name in same if found.settings.get(name) != focused.settings.get(name)]
+    if missing := [name for name in focused.channels if name not in found.channels]:
+        other.append(f"channels (it lacks {', '.join(missing)})")
+    if other:
+        raise PolfuseError(
+            f"was focused with another {', '.join(other)} than the image that it is to calibrate",
+            where=str(products.path),
+            advice="focus both with the same settings, from the same rig",
+        )
+    return found
+
+
 def sky_noise(sky: Path | str, focused: FocusedImage) -> Floats:
     """Noise power (channels, ny) of the focused image from a look at the clear sky.
 

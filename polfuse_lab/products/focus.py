@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.ranging import range_profiles
 from polfuse_lab.products.store import Products
+from polfuse_lab.products.visits import target_positions
 from polfuse_lab.session import Session, open_session
 from processing.errors import DataError
 from processing.radar.profiles import RangeProfiles
@@ -139,6 +140,7 @@ def focus(
     compensate_pattern: bool = True,
     sky: Path | str | None = None,
     peaks: int = 10,
+    target: str | None = None,
 ) -> FocusResult:
     """Focus a session and write stages "ranging" and "focus" of a products file.
 
@@ -156,6 +158,7 @@ def focus(
         compensate_pattern: whether to divide by the antennas' two-way pattern (the rig file's beam width and angle).
         sky: session of the clear sky, whose mean profile (coupling between the antennas) is taken off.
         peaks: how many of the strongest peaks to report.
+        target: in a calibration series, the name of the target whose records are focused.
 
     Raises:
         PolfuseError: the session cannot be focused (no rig, one position, nothing usable), or files fail.
@@ -175,6 +178,7 @@ def focus(
                 compensate_pattern=compensate_pattern,
                 sky=sky,
                 peaks=peaks,
+                target=target,
             )
     begun = time.perf_counter()
     grid = default_grid(session) if grid is None else grid
@@ -191,7 +195,8 @@ def focus(
     if sky is not None:
         options["reference"] = range_profiles(sky, **{**ranging, "range_compensated": False})
         options["coupling"] = "reference"
-    profiles = _along_the_rail(range_profiles(session, **options), session)
+    positions = None if target is None else target_positions(session, target)
+    profiles = _along_the_rail(range_profiles(session, **options, positions=positions), session)
     beamwidth = math.radians(rig.geometry.beamwidth_deg) if compensate_pattern else None
     depression = math.radians(rig.geometry.antenna_elevation_deg)
     choice = choose(_task(profiles, grid, oversampling, beamwidth is not None), tolerance_db, method)
@@ -215,6 +220,7 @@ def focus(
         "tolerance_db": tolerance_db,
         "predicted_error_db": choice.predicted_error_db,
         "window": window,
+        "target": target,
         "aperture_window": aperture,
         "aperture_weights": weights.tolist(),
         "flags": {flag.name: flag.value for flag in ImageFlag},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.records import Channel
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.visits import average_visits, visits
 from polfuse_lab.records import SUPERSEDED
 from polfuse_lab.session import Session, open_session
 from processing.errors import DataError
@@ -60,12 +62,13 @@ def range_profiles(
     range_compensated: bool = True,
     coupling: Coupling = "none",
     reference: RangeProfiles | None = None,
+    positions: Collection[int] | None = None,
 ) -> RangeProfiles:
     """Range profiles of a session, (channels, positions, bins).
 
     The sweeps of a record are averaged coherently, in a way whose bits do not depend on their order; the ramp's length
     is the median over the whole session's sweeps. Of several attempts at one position and channel the last usable one
-    counts. Where a channel has no usable record at a position, its profile is NaN. Values are in fractions of the
+    counts; places that the plan visits more than once (passes, repeats) are averaged coherently. Where a channel has no usable record at a position, its profile is NaN. Values are in fractions of the
     audio's full scale, times range squared (m^2) if ``range_compensated``.
 
     Args:
@@ -76,6 +79,7 @@ def range_profiles(
         range_compensated: multiply by R^2, so that a target's amplitude does not depend on its range.
         coupling: ``"none"``; ``"mean"`` takes the mean over positions off; ``"reference"`` takes the mean over
             ``reference``'s positions off, channel by channel, where that stands above its own noise.
+        positions: numbers of the positions to take, such as one target's in a calibration series; all where left out.
         reference: profiles of the coupling alone (of a sky session), made with the same axis and window.
 
     Raises:
@@ -92,14 +96,15 @@ def range_profiles(
                 range_compensated=range_compensated,
                 coupling=coupling,
                 reference=reference,
+                positions=positions,
             )
     waveform = session.waveform
-    records = usable_records(session)
+    records = usable_records(session, positions=positions)
     axis = range_axis(waveform.bandwidth_hz, max_range_m, oversampling)
     channels = sorted({record.channel for record in records})
-    positions = sorted({record.position for record in records})
+    numbers = sorted({record.position for record in records})
     ramp = session_ramp_samples(records)
-    values = np.full((len(channels), len(positions), len(axis)), np.nan + 1j * np.nan, dtype=np.complex128)
+    values = np.full((len(channels), len(numbers), len(axis)), np.nan + 1j * np.nan, dtype=np.complex128)
     noise = np.full(values.shape[:2], np.nan)
     for record in records:
         profiles = compress(
@@ -110,12 +115,16 @@ def range_profiles(
             window=window,
             range_offset_m=0.0 if session.rig is None else session.rig.geometry.range_offset_m,
         )
-        place = channels.index(record.channel), positions.index(record.position)
+        place = channels.index(record.channel), numbers.index(record.position)
         values[place], noise[place] = average(profiles), noise_of_average(profiles)
+    visited = visits(session)
+    values, noise, antenna = average_visits(
+        values, noise, _antenna(records, numbers), [visited.get(number) for number in numbers]
+    )
     result = RangeProfiles(
         values=values.astype(np.complex64),
         range_m=axis,
-        antenna_m=_antenna(records, positions),
+        antenna_m=antenna,
         channels=tuple(channel.name for channel in channels),
         centre_hz=waveform.centre_hz,
         bandwidth_hz=waveform.bandwidth_hz,
@@ -130,7 +139,9 @@ def range_profiles(
     return replace(result, values=values.astype(np.complex64))
 
 
-def usable_records(session: Session, *, latest_only: bool = True) -> list[Record]:
+def usable_records(
+    session: Session, *, latest_only: bool = True, positions: Collection[int] | None = None
+) -> list[Record]:
     """Audio records that can be used, in the order of the file, each with its sync.
 
     Records whose sync cannot be found are left out and named in the log.
@@ -138,12 +149,15 @@ def usable_records(session: Session, *, latest_only: bool = True) -> list[Record
     Args:
         session: an open session.
         latest_only: of several attempts at one position and channel take the last one only.
+        positions: numbers of the positions to take; all where left out.
 
     Raises:
         PolfuseError: there is none; the reason of the last one refused is given.
     """
     rows = session.sweeps
     usable = [index for index, row in enumerate(rows) if not int(row["flags"]) & UNUSABLE and row["samples"]]
+    if positions is not None:
+        usable = [index for index in usable if int(rows[index]["position"]) in positions]
     if latest_only:
         latest: dict[tuple[int, int], int] = {}
         for index in usable:
