@@ -63,10 +63,10 @@ def samples(x, targets, channel, seconds=0.125, start=300.25):
     return np.stack([beat, 0.8 * (2 * edges - 1)], axis=1).astype(np.float32)
 
 
-def write_session(path, targets, positions, channels=tuple(Channel), *, rig=RIG, skip=()):
+def write_session(path, targets, positions, channels=tuple(Channel), *, rig=RIG, plan=None, skip=()):
     """A finished session; ``skip`` holds (channel, position) pairs that were not recorded."""
     waveform = Waveform(centre_hz=CENTRE_HZ, bandwidth_hz=BANDWIDTH_HZ, ramp_up_s=0.02, sweep_period_s=0.04)
-    config = SessionConfig("collect", waveform, RATE_HZ, sample_dtype="float32", rig_toml=rig)
+    config = SessionConfig("collect", waveform, RATE_HZ, sample_dtype="float32", rig_toml=rig, plan_toml=plan)
     with SessionWriter.create(path, config, ballast_bytes=0) as writer:
         for position, x in enumerate(positions):
             for channel in channels:
