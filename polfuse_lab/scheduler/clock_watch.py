@@ -49,8 +49,10 @@ class ClockWatch:
         Raises:
             DeviceError: a device failed meanwhile.
         """
-        for kind, call in list(self._calls.items()):
-            if call.done():
+        for kind in list(self._calls):
+            call = self._calls.get(kind)
+            # None: keeping another fix has waited for room in the queue, and this one was kept in a tick of that wait.
+            if call is not None and call.done():
                 del self._calls[kind]
                 self._take(self._devices.result(kind, call, "clock"))
         if time.monotonic() < self._due:

@@ -156,9 +156,12 @@ class DeviceSet:
             waiting[kind] = device.lane.submit(device.secure)
         done = concurrent.futures.wait(waiting.values(), timeout=SAFE_S / 2).done
         for kind in [kind for kind, future in waiting.items() if future not in done]:
-            if waiting[kind].cancel():
-                # The device's thread is stuck in another call: safety does not queue behind it.
-                waiting[kind] = Lane(f"{kind} safe").submit(self.by_kind[kind].secure)
+            if not waiting[kind].running():
+                # The device's thread is stuck in another call: safety does not queue behind it. It stays in the queue
+                # all the same, since what that call does in the end is not safe either.
+                lane = Lane(f"{kind} safe")
+                waiting[kind] = lane.submit(self.by_kind[kind].secure)
+                lane.end()
         concurrent.futures.wait(waiting.values(), timeout=max(end - time.monotonic(), 0.05))
         troubles = []
         for kind, future in waiting.items():
