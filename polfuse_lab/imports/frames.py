@@ -107,6 +107,9 @@ def find_frames(
         )  # fmt: skip
     exposure = options.exposure_s if options.exposure_s is not None else min(known, default=None)
     name, saturation, notes = _depth((*files, *dark_files), options.bits)
+    different = len({round(angle % 180, 3) for angle in angles})
+    if not mosaic and different < 3:
+        notes.append(f"{different} polarizer angle(s) do not determine the Stokes parameters: three or more do")
     camera = CameraFacts(first.shape[1], first.shape[0], name, saturation, exposure)
     return FrameSet(files, angles, dark_files, camera, options.angle_sd_deg, tuple(notes))
 

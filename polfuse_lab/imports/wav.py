@@ -19,6 +19,7 @@ from polfuse_lab.records import Sweeps
 from polfuse_lab.rig import Waveform
 from polfuse_lab.session import SessionConfig, SessionWriter
 from processing.errors import DataError
+from processing.radar.bursts import find_bursts
 from processing.radar.ramp_direction import ramp_direction
 from processing.radar.sync import Polarity, Sync, find_sync
 
@@ -178,8 +179,21 @@ def _sync(path: Path, wav: Wav, nominal_period_s: float, polarity: Polarity) -> 
         if sync.polarity_from == "convention":
             sync = ramp_direction(wav.samples, sync) or sync
     except DataError as error:
-        raise PolfuseError(error.what, where=str(path), advice=error.advice) from error
+        raise PolfuseError(
+            error.what, where=str(path), advice=_bursts_advice(wav, nominal_period_s) or error.advice
+        ) from error
     return sync
+
+
+def _bursts_advice(wav: Wav, nominal_period_s: float) -> str | None:
+    """What to do with a recording that holds no steady sync since the radar was switched off in between."""
+    try:
+        bursts = find_bursts(wav.samples, wav.sample_rate_hz, nominal_period_s=nominal_period_s).bursts
+    except DataError:
+        return None
+    if len(bursts) < 2:
+        return None
+    return f"it holds {len(bursts)} bursts of sweeps with silence between them: import a rail recording as sar-wav"
 
 
 def check_agreement(paths: Sequence[Path], wavs: Sequence[Wav], syncs: Sequence[Sync]) -> None:
