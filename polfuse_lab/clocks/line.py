@@ -35,9 +35,9 @@ SCATTER_SPREAD = 1.4
 
 _SCATTERS = np.geomspace(1e-8, 2e-2, 30)
 _UNEVEN = np.array([0.0, 0.06, 0.12, 0.25, 0.4, 0.577, 0.8])
-LATE_SHARE = 1 / 2
+LATE_SHARE = 2 / 3
 """Share of the variance of what round trips do not tell that may shift all pairs alike: stamps are either late now and
-then, and an exponential delay has a mean as large as its standard deviation, or scatter both ways; both as likely."""
+then, and an exponential delay has a mean as large as its standard deviation, or scatter both ways, half as likely."""
 WANDER_PAIRS = 8
 """Fewest pairs that can show that a clock's rate changes."""
 
@@ -145,6 +145,6 @@ def _wander_var(residual: Floats, variance: Floats, piece: NDArray[np.intp]) -> 
     same = piece[1:] == piece[:-1]
     # Of n independent values the correlation of neighbours has a standard deviation of 1 / sqrt(n).
     correlation = float(np.sum((relative[1:] * relative[:-1])[same]) / np.sum(relative**2))
-    if correlation < 2.5 / np.sqrt(n):
+    if correlation < 2 / np.sqrt(n):
         return 0.0
     return float(np.sum(residual**2 / variance) / np.sum(1 / variance))

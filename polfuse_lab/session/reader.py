@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import struct
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +17,7 @@ from numpy.typing import NDArray
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.rig import Rig, Waveform, parse_model
 from polfuse_lab.session import layout, versions
-from polfuse_lab.session.naming import partial_path
+from polfuse_lab.session.opening import damaged, first_line, open_file
 from polfuse_lab.session.selection import (
     AudioRecord,
     ChannelChoice,
@@ -29,18 +27,17 @@ from polfuse_lab.session.selection import (
     TimeChoice,
     select_audio,
     select_frames,
+    view_module,
 )
+from polfuse_lab.session.sync import SessionSync
 
 if TYPE_CHECKING:
+    import xarray
+
     from polfuse_lab.plans import Plan
     from polfuse_lab.plans.steps import Step
 
 Table = NDArray[np.void]
-
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-# HDF5 superblock, versions 2 and 3: signature, version, sizes of offsets and lengths, flags, base address, address of
-# the extension, end of file.
-_SUPERBLOCK = struct.Struct("<8sBBBBQQQ")
 
 
 def open_session(path: Path | str) -> Session:
@@ -50,7 +47,7 @@ def open_session(path: Path | str) -> Session:
         PolfuseError: there is no such file, it is not a session, it is of a newer version, or it is damaged.
     """
     path = Path(path)
-    file = _open(path)
+    file = open_file(path)
     try:
         schema = file.attrs.get("schema")
         version = int(file.attrs.get("version", 0))
@@ -70,64 +67,7 @@ def open_session(path: Path | str) -> Session:
         raise
     except (OSError, RuntimeError, KeyError, ValueError) as error:
         file.close()
-        raise _damaged(path, error) from error
-
-
-def _open(path: Path) -> h5py.File:
-    if not path.is_file():
-        partial = partial_path(path)
-        if partial.is_file():
-            raise PolfuseError(
-                "does not exist, but its .partial does: the collect did not end, or is under way",
-                where=str(path),
-                advice=f"run 'polfuse recover {partial} -o {path}' once nobody writes it",
-            )
-        raise PolfuseError("does not exist", where=str(path), advice="check the file's name")
-    try:
-        _require_whole(path)
-        return h5py.File(path, "r", locking="best-effort")
-    except PermissionError as error:
-        raise PolfuseError("may not be read", where=str(path), advice="check its permissions") from error
-    except (OSError, RuntimeError):
-        # A file that is being written, or was left by a killed writer, carries a flag that only SWMR readers accept.
-        try:
-            return h5py.File(path, "r", swmr=True, locking="best-effort")
-        except (OSError, RuntimeError) as error:
-            raise _damaged(path, error) from error
-
-
-def _require_whole(path: Path) -> None:
-    """Refuse a file that is shorter than its superblock says: HDF5 reads zeros, or for ever, beyond its end.
-
-    A writer that was killed leaves a file at least as long (the superblock is written after what it counts).
-    """
-    with open(path, "rb") as file:
-        start = file.read(_SUPERBLOCK.size)
-        size = file.seek(0, os.SEEK_END)
-    if not start.startswith(_SIGNATURE):
-        raise PolfuseError("is not an HDF5 file", where=str(path), advice="check the file's name")
-    if len(start) < _SUPERBLOCK.size:
-        length = _SUPERBLOCK.size
-    else:
-        _, version, offset_bytes, _, _, _, _, length = _SUPERBLOCK.unpack(start)
-        if version not in (2, 3) or offset_bytes != 8:
-            return
-    if size < length:
-        raise PolfuseError(
-            f"is cut short: {size} of at least {length} bytes", where=str(path), advice="use another copy"
-        )
-
-
-def _damaged(path: Path, error: Exception) -> PolfuseError:
-    return PolfuseError(
-        f"is not a readable HDF5 file ({_first_line(error)})",
-        where=str(path),
-        advice="it may be cut short or not a session; use another copy",
-    )
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
+        raise damaged(path, error) from error
 
 
 class Session:
@@ -164,7 +104,7 @@ class Session:
             if name in self._file and self._file.swmr_mode:
                 self._file[name].id.refresh()
         self._state = self._file["state"][0]
-        for name in (*layout.TABLES, "first_host_ns"):
+        for name in (*layout.TABLES, "first_host_ns", "sync"):
             self.__dict__.pop(name, None)
 
     @property
@@ -309,6 +249,11 @@ class Session:
         """What the scheduler did and noticed: kind, text (UTF-8), t_host_ns."""
         return self._table("events")
 
+    @cached_property
+    def sync(self) -> SessionSync:
+        """When each record was, on one clock for all devices, and how well that is known."""
+        return SessionSync(self)
+
     def audio(self, index: int) -> NDArray[Any]:
         """Samples of audio record ``index``: (samples, channels), exactly as sampled.
 
@@ -372,6 +317,17 @@ class Session:
         """
         return select_frames(self, angle_deg=angle_deg, time=time, dark=dark)
 
+    def to_xarray(self) -> xarray.Dataset:
+        """All audio records and frames as one xarray dataset; samples and images are read when they are looked at.
+
+        Variables ``audio`` (record, sample, input) and ``image`` (frame, row, column), with coordinates and units.
+
+        Raises:
+            PolfuseError: the package xarray is not installed, or the audio records are not of one length.
+        """
+        dataset: xarray.Dataset = view_module().session_dataset(self)
+        return dataset
+
     def _table(self, name: str) -> Table:
         if name not in self._file and name in versions.ADDED_TABLES:
             return versions.missing_table(name)
@@ -385,7 +341,7 @@ class Session:
             values: NDArray[Any] = self._file[name][selection]
         except (OSError, RuntimeError, KeyError) as error:
             raise PolfuseError(
-                f"{what} cannot be read ({_first_line(error)})",
+                f"{what} cannot be read ({first_line(error)})",
                 where=str(self.path),
                 advice="the file is damaged there; use another copy",
             ) from error

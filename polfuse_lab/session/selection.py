@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
@@ -14,6 +15,8 @@ from polfuse_lab.errors import PolfuseError
 from polfuse_lab.records import SUPERSEDED
 
 if TYPE_CHECKING:
+    import xarray
+
     from polfuse_lab.session.reader import Session
 
 ChannelChoice = Channel | str | Iterable[Channel | str] | None
@@ -137,6 +140,28 @@ class Selection(Generic[Item]):
         if isinstance(part, slice):
             return Selection(self._session, self.indices[part], self._table, self._make)
         return self._make(self._session, int(self.indices[part]))
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The records as an xarray dataset; samples or images are read when they are looked at.
+
+        Raises:
+            PolfuseError: the package xarray is not installed, or the audio records are not of one length.
+        """
+        view = view_module()
+        make = view.audio_dataset if self._make is AudioRecord else view.frames_dataset
+        dataset: xarray.Dataset = make(self._session, self.indices)
+        return dataset
+
+
+def view_module() -> ModuleType:
+    """The module that makes xarray datasets. Raises :class:`PolfuseError` where xarray is not installed."""
+    try:
+        from polfuse_lab.session import xarray_view
+    except ImportError as error:
+        raise PolfuseError(
+            f"needs the package xarray ({error})", where="to_xarray", advice="run 'pip install xarray'"
+        ) from error
+    return xarray_view
 
 
 def select_audio(

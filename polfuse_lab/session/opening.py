@@ -1,0 +1,81 @@
+"""Open the HDF5 file of a session: whole, being written, left by a killed writer, cut short or none at all."""
+
+from __future__ import annotations
+
+import os
+import struct
+from pathlib import Path
+
+import h5py
+
+from polfuse_lab.errors import PolfuseError
+from polfuse_lab.session.naming import partial_path
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+# HDF5 superblock, versions 2 and 3: signature, version, sizes of offsets and lengths, flags, base address, address of
+# the extension, end of file.
+_SUPERBLOCK = struct.Struct("<8sBBBBQQQ")
+
+
+def open_file(path: Path) -> h5py.File:
+    """Open a file for reading, also while it is written.
+
+    Raises:
+        PolfuseError: there is no such file, it may not be read, it is cut short or not HDF5.
+    """
+    if not path.is_file():
+        partial = partial_path(path)
+        if partial.is_file():
+            raise PolfuseError(
+                "does not exist, but its .partial does: the collect did not end, or is under way",
+                where=str(path),
+                advice=f"run 'polfuse recover {partial} -o {path}' once nobody writes it",
+            )
+        raise PolfuseError("does not exist", where=str(path), advice="check the file's name")
+    try:
+        _require_whole(path)
+        return h5py.File(path, "r", locking="best-effort")
+    except PermissionError as error:
+        raise PolfuseError("may not be read", where=str(path), advice="check its permissions") from error
+    except (OSError, RuntimeError):
+        # A file that is being written, or was left by a killed writer, carries a flag that only SWMR readers accept.
+        try:
+            return h5py.File(path, "r", swmr=True, locking="best-effort")
+        except (OSError, RuntimeError) as error:
+            raise damaged(path, error) from error
+
+
+def _require_whole(path: Path) -> None:
+    """Refuse a file that is shorter than its superblock says: HDF5 reads zeros, or for ever, beyond its end.
+
+    A writer that was killed leaves a file at least as long (the superblock is written after what it counts).
+    """
+    with open(path, "rb") as file:
+        start = file.read(_SUPERBLOCK.size)
+        size = file.seek(0, os.SEEK_END)
+    if not start.startswith(_SIGNATURE):
+        raise PolfuseError("is not an HDF5 file", where=str(path), advice="check the file's name")
+    if len(start) < _SUPERBLOCK.size:
+        length = _SUPERBLOCK.size
+    else:
+        _, version, offset_bytes, _, _, _, _, length = _SUPERBLOCK.unpack(start)
+        if version not in (2, 3) or offset_bytes != 8:
+            return
+    if size < length:
+        raise PolfuseError(
+            f"is cut short: {size} of at least {length} bytes", where=str(path), advice="use another copy"
+        )
+
+
+def damaged(path: Path, error: Exception) -> PolfuseError:
+    """The error for a file of which HDF5 says ``error``."""
+    return PolfuseError(
+        f"is not a readable HDF5 file ({first_line(error)})",
+        where=str(path),
+        advice="it may be cut short or not a session; use another copy",
+    )
+
+
+def first_line(error: Exception) -> str:
+    """What an exception says, without the lines below that are for programmers."""
+    return (str(error).splitlines() or [type(error).__name__])[0]
