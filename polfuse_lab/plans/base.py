@@ -71,6 +71,11 @@ class Plan(FileModel):
         """Whether it takes camera frames."""
         return False
 
+    @property
+    def continuous_wave(self) -> bool:
+        """Whether the radar's ramp is switched off, so that its records have no ranges and perhaps no sync."""
+        return False
+
     def visits(self) -> tuple[Visit, ...]:
         """Where the trolley stands for which records, in the order of their position numbers."""
         return ()

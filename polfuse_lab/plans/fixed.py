@@ -109,6 +109,11 @@ class DopplerPlan(FixedPlan):
     ask_cw: bool = True
     """Ask the operator to switch the ramp off before and on again after; false for a radar that stands in CW."""
 
+    @property
+    def continuous_wave(self) -> bool:
+        """Always."""
+        return True
+
     def record(self, position: int) -> Step:
         """So many seconds."""
         return RecordSeconds(self.seconds, position, Channel[self.channel])

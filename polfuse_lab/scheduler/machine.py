@@ -66,7 +66,8 @@ class Scheduler:
         self._recorder = recorder
         self._rig_path = rig_path
         self._texts = (rig_toml, plan_toml)
-        self._viewer = viewer
+        # Whoever looks at the records looks for ranges, which there are none of in CW.
+        self._viewer = None if plan.continuous_wave else viewer
         self._on_change = on_change
         self._make_devices = devices
         self._lock = threading.Lock()
