@@ -20,17 +20,12 @@ def info(
 
     Example: polfuse info session.h5
     """
-    from polfuse_lab.session.summary import info as summarise
+    from polfuse_lab.session import info as summarise
+    from polfuse_lab.session import open_session
+    from polfuse_lab.session.contents import disk
+    from polfuse_lab.session.description import describe
 
     found = summarise(session)
-    sync = found["sync_rms_s"]
-    lines = [
-        f"{session}: {found['schema']}, {found['source']}, {'whole' if found['complete'] else 'NOT whole'}",
-        f"  ended as {found['state']}: {found['reason'] or '-'}",
-        f"  {found['sweeps']} audio records at {found['positions']} positions in {', '.join(found['channels']) or '-'}",
-        f"  {found['frames']} camera frames, {found['duration_s']:.1f} s",
-        f"  lost: {found['samples_lost']} audio frames, {found['frames_lost']} camera frames",
-        f"  clocks: {'no device clock' if sync is None else f'synchronised to {sync * 1e6:.1f} us rms'}",
-    ]
-    lines += [f"  problem: {problem}" for problem in found["problems"]]
-    result(found, as_json=json_, text="\n".join(lines))
+    with open_session(session) as opened:
+        found["disk"] = disk(opened)
+    result(found, as_json=json_, text=describe(str(session), found))

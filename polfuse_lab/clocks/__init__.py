@@ -5,7 +5,7 @@ several with one common rate where it was set, wrapped round or began anew (:mod
 uncertainty holds for the place where the line is used, not for the pairs (:mod:`polfuse_lab.clocks.line`).
 """
 
-from polfuse_lab.clocks.device import ClockPiece, DeviceClock, fit_clock, fit_clocks, sync_rms_s
+from polfuse_lab.clocks.device import ClockPiece, DeviceClock, fit_clock, fit_clocks, largest_residual_s, sync_rms_s
 from polfuse_lab.clocks.line import CommonRate, fit_lines
 from polfuse_lab.clocks.pieces import clock_pieces, clock_runs
 
@@ -18,5 +18,6 @@ __all__ = [
     "fit_clock",
     "fit_clocks",
     "fit_lines",
+    "largest_residual_s",
     "sync_rms_s",
 ]

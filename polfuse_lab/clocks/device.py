@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -241,6 +242,11 @@ def fit_clocks(clocks: NDArray[np.void]) -> dict[str, DeviceClock]:
     return found
 
 
+def largest_residual_s(clocks: Mapping[str, DeviceClock]) -> float | None:
+    """The largest residual of several clocks, s; None where there is none."""
+    return max((clock.residual_rms_s for clock in clocks.values()), default=None)
+
+
 def sync_rms_s(clocks: NDArray[np.void]) -> float | None:
-    """Sync uncertainty of a session, s: the largest residual over its devices; None where no device has a clock."""
-    return max((clock.residual_rms_s for clock in fit_clocks(clocks).values()), default=None)
+    """:func:`largest_residual_s` of a session's table of clock fixes."""
+    return largest_residual_s(fit_clocks(clocks))

@@ -43,6 +43,10 @@ TEXT_BYTES = 1000
 """Longest text in one row of a table, bytes of UTF-8; longer notes take several rows."""
 STEPS = "steps"
 """Entry of the configuration's ``extra`` that holds the planned steps (see :mod:`polfuse_lab.plans.step_json`)."""
+CONTINUES = "continues"
+"""Entry of ``extra`` that names the session whose collect this one continues: its name and when it was started."""
+PARTS = "parts"
+"""Entry of ``extra`` that names the sessions from which this one was joined."""
 CHUNK_FRAMES = 65_536
 """Largest audio chunk, frames."""
 SAMPLE_TYPES = ("int16", "int32", "float32")

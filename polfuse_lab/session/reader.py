@@ -317,6 +317,15 @@ class Session:
         """
         return select_frames(self, angle_deg=angle_deg, time=time, dark=dark)
 
+    def stored_bytes(self) -> dict[str, tuple[int, int]]:
+        """Bytes of each dataset: as stored in the file, and what its values take uncompressed.
+
+        Audio counts its records' samples; what fills up their last chunks is left out.
+        """
+        sizes = {name: (int(item.id.get_storage_size()), int(item.nbytes)) for name, item in self._file.items()}
+        frame = int(self._file["audio"].dtype.itemsize * self._file["audio"].shape[1])
+        return sizes | {"audio": (sizes["audio"][0], int(self.sweeps["samples"].sum()) * frame)}
+
     def to_xarray(self) -> xarray.Dataset:
         """All audio records and frames as one xarray dataset; samples and images are read when they are looked at.
 

@@ -8,11 +8,16 @@ from typing import Any
 import numpy as np
 
 from drivers.records import Channel
-from polfuse_lab.clocks import fit_clocks, sync_rms_s
+from polfuse_lab.clocks.pieces import STEP_S
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.plans.listing import planned
 from polfuse_lab.records import SUPERSEDED, FrameFlag, SweepFlag
+from polfuse_lab.session.contents import flag_counts, gaps, written
+from polfuse_lab.session.layout import CONTINUES
 from polfuse_lab.session.reader import Session, open_session
+
+WRONG_SHARE = 0.25
+"""Share of readings of a clock beyond which their being left out is told as a problem."""
 
 
 def info(path: Path | str) -> dict[str, Any]:
@@ -20,8 +25,10 @@ def info(path: Path | str) -> dict[str, Any]:
 
     Returns:
         ``schema``, ``complete``, ``state``, ``reason``, ``source``, ``positions``, ``channels``, ``sweeps`` (audio
-        records), ``frames``, ``samples_lost``, ``frames_lost``, ``duration_s``, ``sync_rms_s``, ``clock_drift_ppm``
-        by device, and ``problems``, sentences that say what is missing or doubtful (empty for a sound session).
+        records), ``frames``, ``samples_lost``, ``frames_lost``, ``duration_s``, ``sync_rms_s`` (largest residual of a
+        clock), ``clock_drift_ppm`` by device, ``sync`` (see :meth:`SessionSync.summary`), ``flags`` (records that
+        carry each), ``gaps`` (unusual pauses), ``notes`` (and marks, with their time), ``started``, ``devices``, and
+        ``problems``, sentences that say what is missing or doubtful (empty for a sound session).
 
     Raises:
         PolfuseError: the file cannot be read as a session.
@@ -41,8 +48,14 @@ def info(path: Path | str) -> dict[str, Any]:
             "samples_lost": session.samples_lost,
             "frames_lost": session.frames_lost,
             "duration_s": duration_s(session),
-            "sync_rms_s": sync_rms_s(session.clocks),
-            "clock_drift_ppm": {name: fit.drift_ppm for name, fit in fit_clocks(session.clocks).items()},
+            "sync_rms_s": session.sync.residual_rms_s,
+            "clock_drift_ppm": {name: clock.drift_ppm for name, clock in session.sync.clocks.items()},
+            "sync": session.sync.summary(),
+            "flags": flag_counts(session),
+            "gaps": gaps(session),
+            "notes": written(session),
+            "started": session.config.get("started", ""),
+            "devices": session.config["identities"],
             "problems": problems(session),
         }
 
@@ -70,6 +83,9 @@ def problems(session: Session) -> list[str]:
         found.append(f"{session.missing_records} records point at data that are not in the file")
     if not len(sweeps) and not len(frames):
         found.append("there is no record in it")
+    before = session.config["extra"].get(CONTINUES)
+    if before is not None:
+        found.append(f"it continues {before['session']}: 'polfuse join' makes one session of both")
     found.extend(_missing_from_plan(session))
     for flag, text in (
         (SweepFlag.LOST, "lost audio frames and were taken again or given up"),
@@ -86,6 +102,21 @@ def problems(session: Session) -> list[str]:
     incomplete = int(frames["incomplete"].sum())
     if incomplete:
         found.append(f"{incomplete} camera frames are incomplete")
+    found.extend(_clock_problems(session))
+    return found
+
+
+def _clock_problems(session: Session) -> list[str]:
+    found = []
+    for name, clock in session.sync.clocks.items():
+        # Beyond that, the device was opened again or its counter wrapped round, which is no cause for doubt.
+        found += [
+            f"the {name}'s clock jumped by {step_s * 1e3:+.1f} ms: times on both sides of it are fitted apart"
+            for step_s in clock.jumps_s
+            if abs(step_s) < STEP_S
+        ]
+        if clock.rejected > WRONG_SHARE * clock.pairs:
+            found.append(f"{clock.rejected} of {clock.pairs} readings of the {name}'s clock do not fit the others")
     return found
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polfuse_lab.clocks import DeviceClock, fit_clocks, sync_rms_s
+from polfuse_lab.clocks import DeviceClock, fit_clocks, largest_residual_s
 from polfuse_lab.errors import PolfuseError
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class SessionSync:
     @cached_property
     def residual_rms_s(self) -> float | None:
         """Largest residual of a device's clock, s; None where no device has a clock."""
-        return sync_rms_s(self._session.clocks)
+        return largest_residual_s(self.clocks)
 
     @property
     def devices(self) -> tuple[str, ...]:
