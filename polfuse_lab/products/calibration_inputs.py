@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.plans import SeriesTarget
 from polfuse_lab.products.store import SCHEMA, Products
 from processing.calibration.noise import focused_noise, noise_floor
 from processing.errors import DataError
@@ -65,6 +67,28 @@ class TargetSpec:
                 f"the {self.kind} has edge {self.edge_m} m, ground range {self.y_m} m and angle sd {self.angle_sd_rad}",
                 "edge and ground range are positive, the angles' sd is not negative",
             )
+
+    @classmethod
+    def of(cls, target: SeriesTarget) -> TargetSpec:
+        """A target of a calibration series. Raises :class:`DataError` for a trihedral with triangular faces."""
+        kinds = {"trihedral_square": "trihedral", "dihedral": "dihedral", "dihedral_45": "dihedral", "plate": "plate"}
+        if target.kind not in kinds:
+            raise DataError(
+                f"images of a {target.kind} with triangular faces are not modelled",
+                "calibrate on a trihedral with square faces, or with the constant of triangular_trihedral_rcs",
+            )
+        folds_deg = {"dihedral": 90.0, "dihedral_45": 45.0}
+        return cls(
+            kind=kinds[target.kind],
+            x_m=target.x_m,
+            y_m=target.range_m,
+            edge_m=target.edge_m,
+            azimuth_rad=math.radians(target.azimuth_deg),
+            elevation_rad=math.radians(target.elevation_deg),
+            fold_rad=math.radians(folds_deg.get(target.kind, 0.0)),
+            height_m=target.height_m,
+            angle_sd_rad=math.radians(target.angle_sd_deg),
+        )
 
     def reflector(self, ground_z_m: float) -> Reflector:
         """The reflector, standing on (or above) the ground plane ``z = ground_z_m``."""

@@ -12,25 +12,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.forming import form_channels, own_positions, position_weights
 from polfuse_lab.products.ranging import range_profiles
 from polfuse_lab.products.store import Products
 from polfuse_lab.products.visits import target_positions
 from polfuse_lab.session import Session, open_session
+from polfuse_lab.session.runs import gapless_runs
 from processing.errors import DataError
 from processing.radar.profiles import RangeProfiles
 from processing.sar.aperture import (
     alias_free_angle_rad,
-    aperture_window,
     even_track,
     grating_lobe_warning,
     widest_angle_rad,
 )
-from processing.sar.backprojection import backproject, backproject_reference
 from processing.sar.footprint import ImageFlag, footprint_flags
 from processing.sar.grid import ImageGrid
 from processing.sar.planner import Choice, Task, choose
 from processing.sar.quality import Peak, find_peaks
-from processing.sar.range_migration import range_migration
 from processing.sar.resolution import point_resolution
 
 DEFAULT_X_M = (-8.0, 8.0)
@@ -200,8 +199,8 @@ def focus(
     beamwidth = math.radians(rig.geometry.beamwidth_deg) if compensate_pattern else None
     depression = math.radians(rig.geometry.antenna_elevation_deg)
     choice = choose(_task(profiles, grid, oversampling, beamwidth is not None), tolerance_db, method)
-    weights = aperture_window(aperture, len(profiles.antenna_m))
-    image = _form(profiles, grid, choice, weights, beamwidth, depression)
+    weights = position_weights(profiles, aperture, passes=bool(gapless_runs(session)))
+    image = form_channels(profiles, grid, choice, weights, beamwidth, depression)
     flags = footprint_flags(
         grid,
         beamwidth_rad=beamwidth,
@@ -298,32 +297,19 @@ def _task(profiles: RangeProfiles, grid: ImageGrid, oversampling: int, compensat
     )
 
 
-def _form(
-    profiles: RangeProfiles,
-    grid: ImageGrid,
-    choice: Choice,
-    weights: NDArray[np.float64],
-    beamwidth_rad: float | None,
-    depression_rad: float,
-) -> NDArray[np.complexfloating]:
-    pattern: dict[str, Any] = {"beamwidth_rad": beamwidth_rad, "depression_rad": depression_rad}
-    if choice.method == "rma":
-        return range_migration(profiles, grid, weights=weights, **pattern)
-    if choice.method == "reference":
-        exact = backproject_reference(profiles, grid, interpolator=choice.interpolator, weights=weights, **pattern)
-        return exact.astype(np.complex64)
-    return backproject(profiles, grid, interpolator=choice.interpolator, weights=weights, **pattern)
-
-
 def _step(profiles: RangeProfiles) -> float:
-    return float(np.median(np.diff(np.unique(profiles.antenna_m[:, 0]))))
+    """From one position to the next in the channel that has the fewest."""
+    present = ~np.isnan(profiles.values).all(axis=2)
+    x = [np.unique(profiles.antenna_m[own, 0]) for own in present]
+    return max(float(np.median(np.diff(places))) for places in x if len(places) > 1)
 
 
 def _warnings(profiles: RangeProfiles, grid: ImageGrid, choice: Choice, tolerance_db: float) -> list[str]:
     found = []
     if lobes := grating_lobe_warning(_step(profiles), profiles.wavelength_m, profiles.antenna_m, grid):
         found.append(lobes)
-    missing = np.isnan(profiles.values).all(axis=2).sum(axis=1)
+    alone = own_positions(profiles) is not None
+    missing = np.isnan(profiles.values).all(axis=2).sum(axis=1) * (not alone)
     for name, count in zip(profiles.channels, missing, strict=True):
         if count:
             found.append(f"channel {name} misses {count} of {len(profiles.antenna_m)} positions")

@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 
 from drivers.records import Channel
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.passes import pass_profiles
+from polfuse_lab.products.record_sync import find_record_sync
 from polfuse_lab.products.visits import average_visits, visits
 from polfuse_lab.records import SUPERSEDED
 from polfuse_lab.session import Session, open_session
+from polfuse_lab.session.runs import gapless_runs
 from processing.errors import DataError
 from processing.radar.profiles import RangeProfiles
 from processing.radar.ranging import (
@@ -27,7 +30,7 @@ from processing.radar.ranging import (
     range_axis,
     remove_coupling,
 )
-from processing.radar.sync import Polarity, Sync, find_sync
+from processing.radar.sync import Sync
 
 Coupling = Literal["none", "mean", "reference"]
 
@@ -68,8 +71,10 @@ def range_profiles(
 
     The sweeps of a record are averaged coherently, in a way whose bits do not depend on their order; the ramp's length
     is the median over the whole session's sweeps. Of several attempts at one position and channel the last usable one
-    counts; places that the plan visits more than once (passes, repeats) are averaged coherently. Where a channel has no usable record at a position, its profile is NaN. Values are in fractions of the
-    audio's full scale, times range squared (m^2) if ``range_compensated``.
+    counts; places that the plan visits more than once (passes, repeats) are averaged coherently. Where the trolley ran
+    while it was recorded, each place is one of its own (:mod:`polfuse_lab.products.passes`). Where a channel has no
+    usable record at a position, its profile is NaN. Values are in fractions of the audio's full scale, times range
+    squared (m^2) if ``range_compensated``.
 
     Args:
         session: an open session, or its path.
@@ -99,8 +104,36 @@ def range_profiles(
                 positions=positions,
             )
     waveform = session.waveform
-    records = usable_records(session, positions=positions)
     axis = range_axis(waveform.bandwidth_hz, max_range_m, oversampling)
+    if positions is None and gapless_runs(session):
+        passes = pass_profiles(session, axis, window)
+        values, noise, antenna, channels = passes.values, passes.noise, passes.antenna_m, passes.channels
+    else:
+        values, noise, antenna, channels = _standing_profiles(session, axis, window, positions)
+    result = RangeProfiles(
+        values=values.astype(np.complex64),
+        range_m=axis,
+        antenna_m=antenna,
+        channels=tuple(channel.name for channel in channels),
+        centre_hz=waveform.centre_hz,
+        bandwidth_hz=waveform.bandwidth_hz,
+        window=window,
+        range_compensated=range_compensated,
+        noise=noise,
+    )
+    if coupling != "none":
+        values = _without_coupling(values, result, coupling, reference, str(session.path))
+    if range_compensated:
+        values = values * axis**2
+    return replace(result, values=values.astype(np.complex64))
+
+
+def _standing_profiles(
+    session: Session, axis: NDArray[np.float64], window: str, positions: Collection[int] | None
+) -> tuple[NDArray[np.complex128], NDArray[np.float64], NDArray[np.float64], tuple[Channel, ...]]:
+    """Values, noise, antenna places and channels of records taken with the trolley at a stand."""
+    waveform = session.waveform
+    records = usable_records(session, positions=positions)
     channels = sorted({record.channel for record in records})
     numbers = sorted({record.position for record in records})
     ramp = session_ramp_samples(records)
@@ -118,25 +151,8 @@ def range_profiles(
         place = channels.index(record.channel), numbers.index(record.position)
         values[place], noise[place] = average(profiles), noise_of_average(profiles)
     visited = visits(session)
-    values, noise, antenna = average_visits(
-        values, noise, _antenna(records, numbers), [visited.get(number) for number in numbers]
-    )
-    result = RangeProfiles(
-        values=values.astype(np.complex64),
-        range_m=axis,
-        antenna_m=antenna,
-        channels=tuple(channel.name for channel in channels),
-        centre_hz=waveform.centre_hz,
-        bandwidth_hz=waveform.bandwidth_hz,
-        window=window,
-        range_compensated=range_compensated,
-        noise=noise,
-    )
-    if coupling != "none":
-        values = _without_coupling(values, result, coupling, reference, str(session.path))
-    if range_compensated:
-        values = values * axis**2
-    return replace(result, values=values.astype(np.complex64))
+    found = average_visits(values, noise, _antenna(records, numbers), [visited.get(number) for number in numbers])
+    return *found, tuple(channels)
 
 
 def usable_records(
@@ -196,19 +212,6 @@ def usable_records(
         advice = "record again" if refused is None else refused.advice
         raise PolfuseError(what, where=str(session.path), advice=advice)
     return records
-
-
-def find_record_sync(session: Session, samples: NDArray[np.generic]) -> Sync:
-    """Sync of one record, by the session's waveform and what is known of its polarity. Raises :class:`DataError`."""
-    known = session.config["extra"].get("sync_inverted")
-    polarity: Polarity = "auto" if known is None else "low" if known else "high"
-    return find_sync(
-        samples,
-        session.sample_rate_hz,
-        nominal_period_s=session.waveform.sweep_period_s,
-        ramp_up_s=session.waveform.ramp_up_s,
-        polarity=polarity,
-    )
 
 
 def session_ramp_samples(records: list[Record]) -> float:

@@ -58,6 +58,10 @@ class Playback:
         """What the device was seen to do while a record was taken."""
         return [observed.state for observed in self._tape.observed(self.kind, record)]
 
+    def lost_next(self) -> bool:
+        """Whether it was lost before it was asked again; False for recordings that did not look during records."""
+        return self._tape.lost_next(self.kind)
+
     def _lead_in(self, natural_ns: int = 0) -> None:
         """Skip what is longer than ``natural_ns`` (what the device itself took) and a moment before the next record."""
         at = self._tape.next_ns(self.kind)

@@ -18,6 +18,7 @@ from polfuse_lab.replay.incidents import ENDINGS, Incident, LookTaken, Loss, Pau
 from polfuse_lab.replay.records import event, exposure, plain_record, sweeps
 from polfuse_lab.scheduler import Aborted
 from polfuse_lab.session import Session
+from polfuse_lab.session.layout import UNASKED
 
 DEVICES = ("radar", "switches", "trolley", "camera", "polarizer", "source_polarizer")
 TABLES = {
@@ -146,6 +147,14 @@ class Tape:
                     break
                 found.append(seen)
             return found
+
+    def lost_next(self, track: str) -> bool:
+        """Whether a device was lost before its next record, in a recording that looked at it during records."""
+        with self._lock:
+            incident, at = self.incident, self.next_ns(track)
+            lost = isinstance(incident, Loss) and incident.kind == track
+            before = lost and incident is not None and (at is None or at > incident.t_host_ns)
+            return before and bool((getattr(self.session, TABLES[track])["record"] != UNASKED).any())
 
     def pauses(self, track: str) -> bool:
         """Whether the user paused, in the middle of a step, before a device's next record; it is due then."""

@@ -13,6 +13,7 @@ from drivers.records import Frame, PolarizerFix
 from polfuse_lab.plans.steps import AutoExpose, Expose
 from polfuse_lab.records import Event, Exposure, FrameFlag, SourceFix
 from polfuse_lab.scheduler.context import Context
+from polfuse_lab.scheduler.control import Aborted
 from polfuse_lab.scheduler.motion import Motion
 from polfuse_lab.scheduler.watch import Seen, Watch, camera_watch
 
@@ -74,15 +75,16 @@ class Frames:
         context.devices.call("camera", context.devices.camera.trigger)
         frame = self._await_frame(self._exposure_s)
         end_ns = frame.t_host_ns + round(frame.exposure_s * 1e9)
-        failure: DeviceError | None = None
+        failure: DeviceError | Aborted | None = None
         try:
             seen = self._polarizers.complete(self.frames, end_ns)
             flags |= _moved(angle, [fix for fix in seen if isinstance(fix, PolarizerFix)])
             flags |= _moved(source, [fix.fix for fix in seen if isinstance(fix, SourceFix)])
-        except DeviceError as error:
+        except (DeviceError, Aborted) as error:
             failure = error
         self.frames_lost += frame.lost_before + int(frame.incomplete)
         source_rad = step.source_angle_rad if source is None else source.angle_rad
+        self.frames += 1
         context.keep(
             Exposure(
                 frame,
@@ -95,7 +97,6 @@ class Frames:
                 flags,
             )
         )
-        self.frames += 1
         if failure is not None:
             raise failure
         return frame, flags

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
@@ -73,6 +74,8 @@ class Scheduler:
         self._lock = threading.Lock()
         self._status = RunStatus()
         self._notes: list[Note] = []
+        self._unkept: deque[Record] = deque()
+        """Records that wait for room in the recorder's queue, oldest first."""
         self._began = time.monotonic()
         self._recording = False
         self._flushing: int | None = None
@@ -273,10 +276,15 @@ class Scheduler:
 
     def _keep(self, record: Record) -> None:
         """Give a record to the session (waiting while its queue is full) and to the viewer."""
-        while not self._recorder.offer(record):
-            self.control.slice()
         if self._viewer is not None:
             self._viewer.offer(record)
+        self._unkept.append(record)
+        # One that an abort or a lost device keeps from the queue is first in line when there is room again.
+        while self._unkept:
+            if self._recorder.offer(self._unkept[0]):
+                self._unkept.popleft()
+            else:
+                self.control.slice()
 
     def _event(self, kind: str, text: str) -> None:
         self._keep(Event(kind, text, time.monotonic_ns()))
@@ -358,7 +366,7 @@ class Scheduler:
             PolfuseError: the writer failed, or made no room.
         """
         with self._lock:
-            last: list[Record] = [*self._notes]
+            last: list[Record] = [*self._unkept, *self._notes]
             self._notes = []
         last += [Event("unsafe", text, time.monotonic_ns()) for text in troubles]
         last.append(Event(state, reason, time.monotonic_ns()))

@@ -13,6 +13,7 @@ from polfuse_lab.errors import PolfuseError
 from polfuse_lab.plans.steps import PASS_POSITIONS, MoveTo, RecordPass
 from polfuse_lab.records import SweepFlag
 from polfuse_lab.scheduler.context import Context
+from polfuse_lab.scheduler.control import Aborted
 from polfuse_lab.scheduler.motion import MOVE_SLACK_S, Motion
 from polfuse_lab.scheduler.recording import AUDIO_SLACK_S, BAD, MOVED_M, Recording, switch_flags
 from polfuse_lab.scheduler.watch import Seen
@@ -121,7 +122,7 @@ class Passes:
             block_flags = flags | recording.audio_flags(block)
             try:
                 seen = recording.watch.complete(recording.records, recording.end_ns(block))
-            except DeviceError:
+            except (DeviceError, Aborted):
                 fix = _place(block, fixes)
                 recording.keep(block, position, step.channel, fix, block_flags | SweepFlag.SWITCH_UNVERIFIED)
                 raise

@@ -12,6 +12,7 @@ from polfuse_lab.plans.dry_run import record_frames
 from polfuse_lab.plans.steps import RecordSeconds, RecordSweeps
 from polfuse_lab.records import SweepFlag, Sweeps
 from polfuse_lab.scheduler.context import Context
+from polfuse_lab.scheduler.control import Aborted
 from polfuse_lab.scheduler.motion import Motion
 from polfuse_lab.scheduler.watch import Seen, Watch, radar_watch
 
@@ -85,9 +86,10 @@ class Recording:
             try:
                 seen = self.watch.complete(self.records, self.end_ns(block), asked="switches")
                 after = self.switch_state()
-            except DeviceError:
+            except (DeviceError, Aborted):
                 # What has been recorded is kept, but nobody can vouch for its route.
-                self.keep(block, position, channel, fix, flags | SweepFlag.SWITCH_UNVERIFIED, sweeps)
+                flags |= self.audio_flags(block) | SweepFlag.SWITCH_UNVERIFIED
+                self.keep(block, position, channel, fix, flags, sweeps)
                 raise
             flags |= switch_flags([before, *seen, after]) | moved_flag(fix, seen) | self.audio_flags(block)
             self.keep(block, position, channel, fix, flags, sweeps)
@@ -121,10 +123,11 @@ class Recording:
         """Keep a record, as the next attempt at its position and channel."""
         key = (position, int(channel))
         attempt = self._attempts[key]
-        self._context.keep(Sweeps(block, channel, position, fix.x_m, fix.sd_m, sweeps, flags, attempt))
+        # Counted first: a record that finds no room at once is kept all the same, whatever interrupts the wait.
         self._attempts[key] += 1
         self.records += 1
         self.samples_lost += block.lost_frames
+        self._context.keep(Sweeps(block, channel, position, fix.x_m, fix.sd_m, sweeps, flags, attempt))
 
     def switch_state(self, channel: Channel | None = None) -> SwitchState:
         """Ask for the route and keep it; with ``channel``, refuse any other. Raises :class:`DeviceError`."""

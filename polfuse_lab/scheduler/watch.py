@@ -36,6 +36,9 @@ class Recalling(Protocol):
     def recall(self, record: int) -> Sequence[Seen]:
         """Everything that was seen while a record was taken."""
 
+    def lost_next(self) -> bool:
+        """Whether it was lost before it was asked again."""
+
 
 @dataclass(frozen=True)
 class Look:
@@ -104,20 +107,25 @@ class Watch:
             Aborted: the run was told to stop.
             DeviceError: a device failed; what had been seen is kept.
         """
+        recalled = {kind: device.recall(record) for kind, device in self._recalling.items()}
+        for states in recalled.values():
+            self._seen += states
         try:
             for kind in self._looks:
-                if kind not in self._recalling:
+                if kind not in recalled:
                     self._take_pending(kind)
                     if kind != asked:
                         self._look_after(kind, end_ns)
+                elif kind != asked and self._recalling[kind].lost_next():
+                    if not any(state.t_host_ns >= end_ns for state in recalled[kind]):
+                        # The last look is missing: it was lost in that, and asked now it says so.
+                        self._context.devices.call(kind, self._looks[kind].ask)
         except DeviceError:
             self._hand_over(record)
             raise
         return self._hand_over(record)
 
     def _hand_over(self, record: int) -> list[Seen]:
-        for device in self._recalling.values():
-            self._seen += device.recall(record)
         seen, self._seen = self._seen, []
         for state in seen:
             self._context.keep(Observed(state, record))

@@ -113,7 +113,7 @@ class Radar(Base):
             audio(self.frames, first=first, beat=self.o.beat),
             48_000.0,
             first,
-            first / 48_000.0,
+            began,
             round(began * 1e9),
             lost,
         )
@@ -183,7 +183,7 @@ class Trolley(Base):
             way = self.target - self.start
             done = (time.monotonic() - self.t0) * self.pace_m_s
             self.x = self.target if done >= abs(way) else self.start + np.sign(way) * done
-        return TrolleyFix(float(self.x), 0.0005, self.x != self.target, time.monotonic_ns(), "Idle")
+        return TrolleyFix(float(self.x), 0.0005, bool(self.x != self.target), time.monotonic_ns(), "Idle")
 
     def make_safe(self):
         self.stop()

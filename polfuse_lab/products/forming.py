@@ -1,0 +1,80 @@
+"""Forming images by the method chosen, also from passes, in which each channel has positions of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polfuse_lab.products.passes import spacing_weights
+from processing.radar.profiles import RangeProfiles
+from processing.sar.aperture import aperture_window
+from processing.sar.backprojection import backproject, backproject_reference
+from processing.sar.grid import ImageGrid
+from processing.sar.planner import Choice
+from processing.sar.range_migration import range_migration
+
+
+def own_positions(profiles: RangeProfiles) -> NDArray[np.bool_] | None:
+    """(channels, positions) which profiles there are, where each position belongs to one channel only (passes)."""
+    present = ~np.isnan(profiles.values).all(axis=2)
+    return present if len(present) == 1 or (present.sum(axis=0) == 1).all() else None
+
+
+def position_weights(profiles: RangeProfiles, aperture: str, *, passes: bool) -> NDArray[np.float64]:
+    """(positions,) the aperture's window; with ``passes``, whose places are uneven, at each place and times the length
+    of rail that it stands for. Raises :class:`DataError` for an unknown window."""
+    x = profiles.antenna_m[:, 0]
+    weights = aperture_window(aperture, len(x))
+    if not passes:
+        return weights
+    present = ~np.isnan(profiles.values).all(axis=2)
+    even = np.linspace(x[0], x[-1], len(x))
+    weighted: NDArray[np.float64] = np.interp(x, even, weights) * spacing_weights(profiles.antenna_m, present)
+    return weighted
+
+
+def form_channels(
+    profiles: RangeProfiles,
+    grid: ImageGrid,
+    choice: Choice,
+    weights: NDArray[np.float64],
+    beamwidth_rad: float | None,
+    depression_rad: float,
+) -> NDArray[np.complexfloating]:
+    """(channels, ny, nx) complex64 image by the method chosen; where no two channels share a position, each channel
+    from its own positions alone. Raises :class:`DataError` as the method does."""
+    present = own_positions(profiles)
+    if present is None or len(present) == 1:
+        return _form(profiles, grid, choice, weights, beamwidth_rad, depression_rad)
+    images = []
+    for channel, own in enumerate(present):
+        noise = None if profiles.noise is None else profiles.noise[channel : channel + 1, own]
+        alone = replace(
+            profiles,
+            values=profiles.values[channel : channel + 1, own],
+            antenna_m=profiles.antenna_m[own],
+            channels=(profiles.channels[channel],),
+            noise=noise,
+        )
+        images.append(_form(alone, grid, choice, weights[own], beamwidth_rad, depression_rad))
+    return np.concatenate(images)
+
+
+def _form(
+    profiles: RangeProfiles,
+    grid: ImageGrid,
+    choice: Choice,
+    weights: NDArray[np.float64],
+    beamwidth_rad: float | None,
+    depression_rad: float,
+) -> NDArray[np.complexfloating]:
+    pattern: dict[str, Any] = {"beamwidth_rad": beamwidth_rad, "depression_rad": depression_rad}
+    if choice.method == "rma":
+        return range_migration(profiles, grid, weights=weights, **pattern)
+    if choice.method == "reference":
+        exact = backproject_reference(profiles, grid, interpolator=choice.interpolator, weights=weights, **pattern)
+        return exact.astype(np.complex64)
+    return backproject(profiles, grid, interpolator=choice.interpolator, weights=weights, **pattern)
