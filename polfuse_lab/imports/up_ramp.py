@@ -20,8 +20,11 @@ from processing.radar.sync import Sync, opposite
 from processing.sar.backprojection import backproject
 from processing.sar.grid import ImageGrid
 
-CLEARLY_SHARPER = 1.5
-"""Ratio of sharpness above which the sharper image is believed."""
+CLEARLY_SHARPER = 2.0
+"""Ratio of sharpness above which the sharper image is believed. Of noise alone the ratio lay between 0.78 and 1.13
+in 18 simulated recordings of 21 and 61 positions; of targets at 6 and 14 m it is 3 and 16."""
+LEAST_POSITIONS = 16
+"""With fewer, noise alone makes one image sharper by as much."""
 _NEAREST_CELLS, _FURTHEST_M = 1.5, 60.0
 _MOST_COLUMNS = 400
 
@@ -81,7 +84,7 @@ def up_ramp_by_focus(
         a saw-tooth), which happens when targets are too far away or too few positions were taken.
     """
     others = [opposite(sync) for sync in syncs]
-    if any(other is None for other in others):
+    if len(np.unique(x_m)) < LEAST_POSITIONS or any(other is None for other in others):
         return None
     sharpness = []
     for ramps in (syncs, others):
@@ -90,10 +93,11 @@ def up_ramp_by_focus(
             profiles, axis, _ = burst_profiles(records, chosen, centre_hz=centre_hz, bandwidth_hz=bandwidth_hz)
         except DataError:
             return None
-        # Coupling and all else that stands still along the rail says nothing of the phase's direction.
-        values = (profiles - profiles.mean(axis=0)) * axis**2
+        # Coupling and all else that stands still along the rail says nothing of the phase's direction. Amplitudes are
+        # left to fall with range: near echoes tell most, and far noise must not be raised above them.
+        values = profiles - profiles.mean(axis=0)
         antenna = np.column_stack([x_m, np.zeros(len(x_m)), np.zeros(len(x_m))])
-        track = RangeProfiles(values[None], axis, antenna, ("HH",), centre_hz, bandwidth_hz, range_compensated=True)
+        track = RangeProfiles(values[None], axis, antenna, ("HH",), centre_hz, bandwidth_hz)
         sharpness.append(_sharpness(track))
     ratio = sharpness[1] / sharpness[0] if min(sharpness) > 0 else 1.0
     if max(ratio, 1 / ratio) < CLEARLY_SHARPER:
