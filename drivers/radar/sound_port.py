@@ -378,7 +378,8 @@ class SoundPort:
 
     def clock(self) -> ClockFix | None:
         """A typical arrival of the last whole second: sample clock (frames, lost ones counted, over the nominal rate)
-        against the host's. The delay of that arrival lies between none and about one block.
+        against the host's. The delay of that arrival lies between none and about one block, and so the middle of the
+        exchange half a block before it.
         """
         with self._lock:
             self._take_in()
@@ -387,4 +388,4 @@ class SoundPort:
                 return None
             frames, host_ns, block = arrival
             rate = self._options.sample_rate_hz
-            return ClockFix("radar", frames / rate, host_ns, round(2 * block / rate * 1e9))
+            return ClockFix("radar", frames / rate, host_ns - round(block / rate / 2 * 1e9), round(block / rate * 1e9))

@@ -54,6 +54,23 @@ class _StoredRecords(BackendArray):
         return _outer(values, [*kept, *rest])
 
 
+class _SampleTimes(BackendArray):
+    """Time of each sample from its record's first one, s; made when it is looked at."""
+
+    def __init__(self, samples: int, rate_hz: float) -> None:
+        self._rate_hz = rate_hz
+        self.shape = (samples,)
+        self.dtype = np.dtype(np.float64)
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
+
+    def _read(self, key: tuple[Part]) -> Any:
+        (part,) = key
+        numbers = np.arange(*part.indices(self.shape[0])) if isinstance(part, slice) else np.asarray(part)
+        return numbers / self._rate_hz
+
+
 def _outer(values: NDArray[Any], parts: list[Part]) -> NDArray[Any]:
     """``values`` indexed on each axis by itself; from the last axis, so that those before keep their numbers."""
     for axis, part in reversed(list(enumerate(parts))):
@@ -83,9 +100,9 @@ def audio_dataset(session: Session, items: Items) -> xr.Dataset:
     names = np.array([Channel(int(number)).name for number in rows["channel"]], dtype="U2")
     coords: dict[str, Any] = {
         "record": ("record", items, {"long_name": "number of the audio record in the session"}),
-        "sample": (
+        "sample_time": (
             "sample",
-            np.arange(samples) / session.sample_rate_hz,
+            indexing.LazilyIndexedArray(_SampleTimes(samples, session.sample_rate_hz)),
             {"long_name": "time from the record's first sample", "units": "s"},
         ),
         "channel": ("record", names, {"long_name": "polarimetric channel, transmit then receive"}),
