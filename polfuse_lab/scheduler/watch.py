@@ -116,10 +116,13 @@ class Watch:
                     self._take_pending(kind)
                     if kind != asked:
                         self._look_after(kind, end_ns)
-                elif kind != asked and self._recalling[kind].lost_next():
-                    if not any(state.t_host_ns >= end_ns for state in recalled[kind]):
-                        # The last look is missing: it was lost in that, and asked now it says so.
-                        self._context.devices.call(kind, self._looks[kind].ask)
+                elif (
+                    kind != asked
+                    and self._recalling[kind].lost_next()
+                    and not any(state.t_host_ns >= end_ns for state in recalled[kind])
+                ):
+                    # The last look is missing: the device was lost in it, and asked now it says so.
+                    self._context.devices.call(kind, self._looks[kind].ask)
         except DeviceError:
             self._hand_over(record)
             raise

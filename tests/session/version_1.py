@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import h5py
@@ -20,14 +21,20 @@ TABLES = {
 
 
 def to_version_1(path: Path) -> None:
-    """Rewrite a session file as version 1 would have written it."""
+    """Rewrite a session file as version 1 would have written it: without looks during records, or its steps."""
     with h5py.File(path, "r+", libver=("v110", "v110")) as file:
         for name, dtype in TABLES.items():
             rows = file[name][:]
+            if "record" in rows.dtype.names:
+                rows = rows[rows["record"] == -1]
             old = np.zeros(len(rows), dtype)
             for column in dtype.names or ():
                 old[column] = rows[column]
             del file[name]
             file.create_dataset(name, data=old, maxshape=(None,), chunks=(256,))
         del file["source_polarizer"]
+        config = json.loads(bytes(file["config"][:]))
+        config["extra"].pop("steps", None)
+        del file["config"]
+        file.create_dataset("config", data=np.frombuffer(json.dumps(config).encode(), np.uint8))
         file.attrs["version"] = 1
