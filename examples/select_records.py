@@ -17,7 +17,7 @@ def main(path: str, arrays: str) -> None:
     print(f"the same scheduler once more: {'identical' if played.identical else played.differences}")
 
     with pf.open_session(played.session) as session:
-        print(f"{len(session.steps)} steps were planned, by a plan of kind {session.plan.kind}")
+        print(f"{len(session.steps)} steps were planned, the first of them {session.steps[0]}")
         records = session.select(channel="HH", position=slice(0, 3), latest=True)  # nothing has been read yet
         beats = np.stack([record[:4096] for record in records])  # (records, samples, inputs), as sampled
         x_m = np.array([record.x_m for record in records])

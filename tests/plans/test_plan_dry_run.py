@@ -33,8 +33,8 @@ from polfuse_lab.rig import Rig, parse_model
 HH = Channel.HH
 
 
-def run(*steps: Step, **devices: object) -> DryRun:
-    return dry_run(rig(**devices), custom_plan(steps))
+def run(*steps: Step) -> DryRun:
+    return dry_run(rig(), custom_plan(steps))
 
 
 def test_a_pass_takes_its_length_over_its_speed() -> None:
