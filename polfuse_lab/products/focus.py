@@ -236,6 +236,7 @@ def focus(
         "coupling": "none" if sky is None else "reference",
         "centre_hz": profiles.centre_hz,
         "bandwidth_hz": profiles.bandwidth_hz,
+        "sync": session.sync.summary(),
     }
     inputs = [session.path] if sky is None else [session.path, Path(sky)]
     _write(Products(products_path), profiles, grid, image, flags, ranging, settings, inputs)

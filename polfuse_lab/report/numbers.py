@@ -22,6 +22,29 @@ def _number(settings: Mapping[str, Any], key: str) -> float:
     return float("nan") if settings.get(key) is None else float(settings[key])
 
 
+def _ranging(products: Products) -> list[Number]:
+    """How well the devices' times compare; nothing for products made before that was stored."""
+    sync = products.settings("ranging").get("sync", {"devices": {}, "pairs": {}})
+    found = [
+        Number(
+            f"Clock of the {name}",
+            float(item["drift_ppm"]),
+            "ppm",
+            float(item["drift_sd_ppm"]),
+            f"drift against the computer, from {item['pairs']} readings"
+            + (f", in {len(item['jumps_s']) + 1} pieces" if item["jumps_s"] else ""),
+        )
+        for name, item in sync["devices"].items()
+        if "drift_ppm" in item
+    ]
+    for name, rms_s in sync["pairs"].items():
+        first, second = name.split("-")
+        if rms_s is not None and second in ("camera", "trolley"):
+            note = "standard uncertainty of the time between records of the two"
+            found.append(Number(f"Sync, {first} to {second}", 1e3 * float(rms_s), "ms", note=note))
+    return found
+
+
 def _focus(products: Products) -> list[Number]:
     settings = products.settings("focus")
     x = products.read("ranging")["antenna_m"][:, 0]
@@ -112,6 +135,7 @@ def _fusion(products: Products) -> list[Number]:
 
 
 _NUMBERS: dict[str, Callable[[Products], list[Number]]] = {
+    "ranging": _ranging,
     "focus": _focus,
     "calibration": _calibration,
     "optics": _optics,
