@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.virtual_devices import PROBE_FRAMES, VirtualRadar, VirtualTrolley, decode
 from benchmarks.virtual_optics import VirtualPolarizer, decode_angles
@@ -24,8 +25,10 @@ ABORT_REAL_S = 5.0
 """Longest real time from an abort to the end; a hanging driver alone is waited for 1.1 s."""
 PLACE_TOLERANCE_M = 0.0015
 """The scheduler's own limit (1 mm), three standard deviations of a fix, and the unit of the samples' place."""
-PASS_TOLERANCE_M = 0.012
-"""In a pass at 0.5 m/s with a fix every 20 to 100 ms, places between fixes are exact but where it starts and stops."""
+PASS_TOLERANCE_M = 0.001
+PASS_M_S = 0.5
+"""Fastest in a pass. Places between two fixes are exact but where it starts or stops between them: the chord of a
+corner is beside it by at most the change of speed times a quarter of the time between the fixes."""
 ANGLE_TOLERANCE_RAD = math.radians(0.52)
 
 LEGAL = {
@@ -91,7 +94,7 @@ def _devices(run: VirtualRun) -> Iterator[str]:
     world, now = run.truth.world, run.clock.now_ns
     opened = any(change.reason == "listening to the radar" for change in run.changes)
     for kind, device in run.devices.items():
-        if not device.plugged or not opened:
+        if not device.plugged or device.lost or not opened:
             continue
         if device.opened:
             yield f"the {kind} was not closed"
@@ -180,6 +183,7 @@ def _problems(outcome: Outcome, session: Session, problems: list[str]) -> Iterat
 def _sweeps(session: Session) -> Iterator[str]:
     """Each record's samples against what the file says of it."""
     attempts: dict[tuple[int, int], int] = {}
+    fixes_ns = np.sort(session.trolley["t_host_ns"])
     for index, row in enumerate(session.sweeps):
         flags = SweepFlag(int(row["flags"]))
         numbers, routes, places = decode(session.audio(index))
@@ -194,7 +198,8 @@ def _sweeps(session: Session) -> Iterator[str]:
             yield f"{where}: the trolley was at {places.min():.4f} .. {places.max():.4f} m, not at {row['x_m']:.4f} m"
         if flags & SweepFlag.CONTINUOUS and not flags & SUPERSEDED and not flags & SweepFlag.SWITCH_UNVERIFIED:
             away = abs(float(places[len(places) // 2]) - float(row["x_m"]))
-            if away > PASS_TOLERANCE_M:
+            middle_ns = int(row["t_host_ns"]) + round(len(places) / session.sample_rate_hz * 0.5e9)
+            if away > PASS_TOLERANCE_M + PASS_M_S * _gap_s(fixes_ns, middle_ns) / 4:
                 yield f"{where}: it is placed {away * 1e3:.1f} mm beside where the trolley was"
         key = (int(row["position"]), int(row["channel"]))
         expected = attempts.get(key, -1) + 1
@@ -206,6 +211,14 @@ def _sweeps(session: Session) -> Iterator[str]:
             yield f"{where}: attempt {expected} is {'' if again else 'not '}marked as taken again"
         if expected > 0 and not again:
             yield f"{where}: attempt {expected} is not marked as taken again"
+
+
+def _gap_s(fixes_ns: NDArray[np.int64], at_ns: int) -> float:
+    """Time between the trolley's fixes around an instant, s."""
+    after = int(np.searchsorted(fixes_ns, at_ns))
+    if not 0 < after < len(fixes_ns):
+        return math.inf
+    return float(fixes_ns[after] - fixes_ns[after - 1]) * 1e-9
 
 
 def _frames(session: Session) -> Iterator[str]:

@@ -67,6 +67,8 @@ class VirtualDevice:
         self.hang_s = 0.0
         """The next call hangs for so long."""
         self.opened = False
+        self.lost = False
+        """Whether it went away while it was open, and has not been opened since: nobody can make it safe."""
         self.unsafe_since: int | None = None
         """When it was last told to do something, unless it has been made safe since."""
         self.safe_ns: int | None = None
@@ -84,7 +86,7 @@ class VirtualDevice:
             self.hang_s = 0.0
             raise Hanging(until)
         if not self.plugged:
-            self.opened = False
+            self.lost, self.opened = self.lost or self.opened, False
             raise DeviceLost("is gone", where=f"virtual {self.kind}", advice="plug it in")
         if not self.opened:
             raise DeviceRefused("is not open", where=f"virtual {self.kind}", advice="open it first")
@@ -95,7 +97,7 @@ class VirtualDevice:
         """Connect, unless it is unplugged."""
         if not self.plugged:
             raise DeviceLost("nobody answers", where=f"virtual {self.kind}", advice="plug it in")
-        self.opened = True
+        self.opened, self.lost = True, False
         return Identity(self.kind, "virtual", f"virtual {self.kind}")
 
     def make_safe(self) -> None:
@@ -103,6 +105,8 @@ class VirtualDevice:
         if self.plugged and self.opened:
             self.rest()
             self.unsafe_since = None
+        elif self.opened:
+            self.lost = True
         self.safe_ns = self.now_ns
 
     def rest(self) -> None:

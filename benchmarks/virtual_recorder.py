@@ -90,6 +90,7 @@ class VirtualRecorder:
         self._check()
         assert self._writer is not None
         self._write(self._clock.now_ns)
+        self._flushes.clear()
         return self._writer.close(state, reason)
 
     def kill(self) -> None:
