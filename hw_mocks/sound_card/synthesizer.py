@@ -23,6 +23,7 @@ from hw_mocks.world import World
 from polfuse_lab.rig import Geometry, Waveform
 from processing.radar.antenna import boresight, one_way_gain
 from processing.radar.beat import TriangleFm, beat_of_ranges, sync
+from processing.radar.beat_kernel import beat_along_track
 from processing.scene.model import Scene
 from processing.scene.radar_response import scatterers
 
@@ -32,6 +33,8 @@ Samples = NDArray[np.int16]
 FULL_SCALE = 32_767
 POSITION_STEP_M = 1e-5
 POLARIZATIONS = {"H": 0, "V": 1}
+SCATTERING_STEP_M = 0.005
+"""Way within which a moving trolley sees the scene scatter the same: 0.03 degrees at 10 m."""
 KEPT_CYCLES = 16
 
 
@@ -63,6 +66,7 @@ class Synthesizer:
             self._frequency_hz, self._slope_hz_s, [front_end.coupling_range_m], [front_end.coupling]
         )
         self._cycles: OrderedDict[tuple[int, str, str], Samples] = OrderedDict()
+        self._nearby: OrderedDict[tuple[int, str, str], tuple[Floats, NDArray[np.complex128]]] = OrderedDict()
 
     @property
     def audio(self) -> AudioSettings:
@@ -130,11 +134,19 @@ class Synthesizer:
     def _echoes(self, x_m: Floats, transmit: str, receive: str, within: NDArray[np.int64]) -> Floats:
         antenna = np.zeros((len(x_m), 3))
         antenna[:, 0] = x_m
-        middle = antenna[len(x_m) // 2]
-        centres, scattering = scatterers(self._scene, middle, self._wavelength_m)
-        amplitudes = effective_amplitudes(self._scene, middle, centres, scattering, self._axis, self._beamwidth_rad)[
-            :, POLARIZATIONS[receive], POLARIZATIONS[transmit]
-        ]
+        if len(x_m) > 1:
+            # In real time, while the trolley moves: how the scene scatters changes slowly, its distance does not.
+            place = round(float(x_m[len(x_m) // 2]) / SCATTERING_STEP_M)
+            centres, amplitudes = self._scattering_near(place, transmit, receive)
+            return beat_along_track(
+                self._frequency_hz[within],
+                self._slope_hz_s[within],
+                antenna,
+                centres,
+                amplitudes,
+                delay_m=self._range_offset_m,
+            )
+        centres, amplitudes = self._scattering(antenna[0], transmit, receive)
         ranges = np.linalg.norm(antenna[:, None, :] - centres, axis=-1)
         return beat_of_ranges(
             self._frequency_hz[within],
@@ -143,6 +155,21 @@ class Synthesizer:
             ranges + self._range_offset_m,
             amplitudes / ranges**2,
         )
+
+    def _scattering(self, antenna: Floats, transmit: str, receive: str) -> tuple[Floats, NDArray[np.complex128]]:
+        """Scatterers and their beat voltages at 1 m as seen from one place."""
+        centres, scattering = scatterers(self._scene, antenna, self._wavelength_m)
+        voltages = effective_amplitudes(self._scene, antenna, centres, scattering, self._axis, self._beamwidth_rad)
+        return centres, voltages[:, POLARIZATIONS[receive], POLARIZATIONS[transmit]]
+
+    def _scattering_near(self, place: int, transmit: str, receive: str) -> tuple[Floats, NDArray[np.complex128]]:
+        """As :meth:`_scattering` from ``place`` times :data:`SCATTERING_STEP_M`; those used last are kept."""
+        key = (place, transmit, receive)
+        if key not in self._nearby:
+            self._nearby[key] = self._scattering(np.array([place * SCATTERING_STEP_M, 0.0, 0.0]), transmit, receive)
+            if len(self._nearby) > KEPT_CYCLES:
+                self._nearby.popitem(last=False)
+        return self._nearby[key]
 
     def _noise(self, place: int, transmit: str, receive: str) -> Floats:
         """Noise (cycle, 2) of beat and sync, a function of its arguments and the seed alone."""
