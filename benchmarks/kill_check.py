@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 LOSS_S = 1.0
 """At most one position, or what is younger than this, may be lost."""
-TABLES = {"TrolleyFix": "trolley", "SwitchState": "switches", "PolarizerFix": "polarizer", "ClockFix": "clocks",
+TABLES = {"TrolleyFix": "trolley", "SwitchState": "switches", "PolarizerFix": "polarizer", "SourceFix": "source_polarizer", "ClockFix": "clocks",
           "Note": "notes", "Event": "events"}  # fmt: skip
 
 
@@ -37,7 +37,7 @@ def compare(trial: Trial, log: TapLog, path: Path | None, struck_ns: int) -> Non
         try:
             info(path)
             with open_session(path) as session:
-                have = _content(session, trial)
+                have = content(session, trial.problems)
         except PolfuseError as error:
             trial.problems.append(f"cannot be read: {error}")
             return
@@ -64,21 +64,21 @@ def _count_losses(trial: Trial, log: TapLog, have: set[tuple[str, int]], struck_
         trial.problems.append(f"lost {trial.lost_positions} positions, {trial.lost_s:.2f} s")
 
 
-def _content(session: Session, trial: Trial) -> set[tuple[str, int]]:
-    """What is in the file; content that is not what the devices made of its number is a problem."""
+def content(session: Session, problems: list[str]) -> set[tuple[str, int]]:
+    """What is in a file, as kinds and numbers; content that is not what the devices made of its number is a problem."""
     have: set[tuple[str, int]] = set()
     for index, row in enumerate(session.sweeps):
         first = int(row["device_frame"])
         if not np.array_equal(session.audio(index), samples(first, int(row["samples"]))):
-            trial.problems.append(f"audio record {index} holds other samples than were delivered")
+            problems.append(f"audio record {index} holds other samples than were delivered")
         have.add(("audio", first))
     for index, row in enumerate(session.frames):
         number = int(row["frame_id"])
         if not np.array_equal(session.frame(index), picture(number)):
-            trial.problems.append(f"frame {index} holds another picture than was delivered")
+            problems.append(f"frame {index} holds another picture than was delivered")
         have.add(("frame", number))
     if session.missing_records:
-        trial.problems.append(f"{session.missing_records} rows point at nothing")
+        problems.append(f"{session.missing_records} rows point at nothing")
     for kind, table in TABLES.items():
         have |= {(kind, int(t_ns)) for t_ns in getattr(session, table)["t_host_ns"]}
     return have

@@ -66,7 +66,7 @@ def tap_engine(path: str) -> Tap:
     if path in _taps:
         return _taps[path]
     from polfuse_lab.engine.recorder import WriterProcess
-    from polfuse_lab.records import Exposure, Record, Sweeps
+    from polfuse_lab.records import Exposure, Observed, Record, Sweeps
     from polfuse_lab.scheduler import RunState, Scheduler
     from polfuse_lab.session.layout import SessionConfig
 
@@ -91,7 +91,8 @@ def tap_engine(path: str) -> Tap:
             elif isinstance(record, Exposure):
                 key = ["frame", record.frame.frame_id, 0, 0]
             else:
-                key = [type(record).__name__, record.t_host_ns, 0, 0]
+                state = record.state if isinstance(record, Observed) else record
+                key = [type(state).__name__, record.t_host_ns, 0, 0]
             tap.say("queued", queued[0], *key)
             queued[0] += 1
         return taken
@@ -235,12 +236,16 @@ class NumberedCamera:
         return None
 
 
-def install(folder: Path, *, early_answers: bool = False) -> None:
+EARLY_ANSWERS = "writer.SessionWriter.flush = lambda self, *, durable=False: 10**12"
+"""A defect: a writer that answers a flush without having made it."""
+
+
+def install(folder: Path, *, defect: str = "") -> None:
     """Make the devices look like an installed package in ``folder``, which is to be on the path.
 
     Args:
         folder: an existing folder.
-        early_answers: put a defect in as well: a writer that answers a flush without having made it.
+        defect: lines of Python for the writer's process, such as :data:`EARLY_ANSWERS`; ``writer`` is its module.
     """
     info = folder / "polfuse_kill_campaign-1.dist-info"
     info.mkdir()
@@ -249,10 +254,8 @@ def install(folder: Path, *, early_answers: bool = False) -> None:
         "[polfuse_lab.radar]\ncounting = benchmarks.kill_plugin:CountingRadar\n"
         "[polfuse_lab.camera]\nnumbered = benchmarks.kill_plugin:NumberedCamera\n"
     )
-    if early_answers:
+    if defect:
+        lines = ["from polfuse_lab.session import writer", *defect.splitlines()]
         (folder / "sitecustomize.py").write_text(
-            "import sys\n"
-            "if 'polfuse_lab.session.writer_process' in sys.orig_argv:\n"
-            "    from polfuse_lab.session import writer\n"
-            "    writer.SessionWriter.flush = lambda self, *, durable=False: 10**12\n"
+            "import sys\nif 'polfuse_lab.session.writer_process' in sys.orig_argv:\n    " + "\n    ".join(lines) + "\n"
         )

@@ -14,14 +14,18 @@ import random
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
+from typing import TypeVar
 
 from benchmarks.kill_check import LOSS_S
 from benchmarks.kill_trial import Case, Trial, run_trial
 from benchmarks.rows import Row
+
+C = TypeVar("C")
+T = TypeVar("T")
 
 KILLS = 300
 SEED = 20_261_122
@@ -61,11 +65,11 @@ def cases(kills: int, seed: int = SEED) -> list[Case]:
 
 
 def run(quick: bool) -> list[Row]:
-    """All kills; a dozen when quick. POLFUSE_KILL_LOG in the environment names a file for a line of JSON for each."""
+    """All kills; a dozen when quick. POLFUSE_TRIAL_LOG in the environment names a file for a line of JSON for each."""
     if not sys.platform.startswith("linux"):
         return [Row("reliability.kill", "", None, True, "left out: processes are found by /proc, which is Linux's")]
     began = time.monotonic()
-    trials = list(run_all(QUICK if quick else cases(KILLS)))
+    trials = list(run_all(run_trial, QUICK if quick else cases(KILLS)))
     minutes = (time.monotonic() - began) / 60
     print(table(trials), file=sys.stderr)
     for trial in trials:
@@ -74,17 +78,15 @@ def run(quick: bool) -> list[Row]:
     return rows(trials, minutes)
 
 
-def run_all(chosen: Sequence[Case], workers: int = WORKERS) -> Iterator[Trial]:
-    """Carry out cases, some at the same time, each in a process that takes its environment with it."""
-    log = os.environ.get("POLFUSE_KILL_LOG")
-    # A fresh process for each: what a trial leaves in it (threads, libraries' state) meets no other trial.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        for trial in pool.map(run_trial, chosen):
+def run_all(trial: Callable[[C], T], chosen: Sequence[C], workers: int = WORKERS) -> Iterator[T]:
+    """Carry out trials, some at the same time, in processes of their own: a trial changes its environment."""
+    log = os.environ.get("POLFUSE_TRIAL_LOG")
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for done in pool.map(trial, chosen):
             if log:
                 with Path(log).open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(asdict(trial)) + "\n")
-            yield trial
+                    file.write(json.dumps(asdict(done)) + "\n")  # type: ignore[call-overload]
+            yield done
 
 
 def rows(trials: Sequence[Trial], minutes: float) -> list[Row]:

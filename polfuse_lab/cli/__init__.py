@@ -15,6 +15,7 @@ COMMANDS = (
     ("collect", "collect", "collect"),
     ("info", "info", "info"),
     ("recover", "recover", "recover"),
+    ("join", "join", "join"),
     ("replay", "replay", "replay"),
     ("import_", "import_", "import"),
     ("range_", "range_", "range"),

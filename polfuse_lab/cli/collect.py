@@ -15,12 +15,23 @@ def collect(
     rig: Annotated[Path, typer.Argument(metavar="RIG.toml", help="Rig file.")],
     plan: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Plan file.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="SESSION.h5", help="Session file; must not exist.")],
+    continues: Annotated[
+        Path | None,
+        typer.Option(
+            "--continue",
+            metavar="OLD.h5",
+            help="Session of the same plan that did not come to its end: collect only what is missing in it."
+            " 'polfuse join OLD.h5 SESSION.h5 -o WHOLE.h5' makes one session of both.",
+        ),
+    ] = None,
     json_: Json = False,
     debug: Debug = False,
 ) -> None:
     """Collect: carry out a plan on a rig and write a session. Ctrl-C stops it cleanly; what was recorded is kept.
 
     Hand-operated devices ask on the terminal: do what is asked, then press Enter.
+
+    A collect that stopped (a full disk, a lost device, a crash) goes on with --continue, on another disk if need be.
 
     Example: polfuse collect rig.toml plan.toml -o session.h5
     """
@@ -29,7 +40,7 @@ def collect(
 
     line = StatusLine()
     with interrupt_on_sigterm():
-        outcome = run(rig, plan, output, on_status=line.show, on_prompt=AskOnTerminal(line).ask)
+        outcome = run(rig, plan, output, continues=continues, on_status=line.show, on_prompt=AskOnTerminal(line).ask)
     line.end()
     for warning in outcome.warnings:
         progress(f"warning: {warning}")

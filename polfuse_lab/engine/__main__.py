@@ -21,8 +21,11 @@ from polfuse_lab.engine.recorder import WriterProcess
 from polfuse_lab.engine.server import Server
 from polfuse_lab.live import LivePipeline
 from polfuse_lab.plans import parse_plan
+from polfuse_lab.plans.custom import recorded_plan
+from polfuse_lab.plans.step_json import steps_from_json
 from polfuse_lab.rig import Rig, parse_model
 from polfuse_lab.scheduler import Scheduler
+from polfuse_lab.session.layout import CONTINUES
 
 
 def main(directory: Path) -> None:
@@ -34,7 +37,11 @@ def main(directory: Path) -> None:
     plan = parse_plan(request.plan_toml, request.plan_path)
     guard = Guard(request.rig_toml, request.rig_path, directory)
     live = LivePipeline(rig)
-    recorder = WriterProcess(Path(request.output))
+    origin: dict[str, object] = {}
+    if request.rest is not None:
+        plan = recorded_plan(plan, steps_from_json(request.rest.steps_json))
+        origin = {CONTINUES: request.rest.origin}
+    recorder = WriterProcess(Path(request.output), origin)
     scheduler = Scheduler(
         rig,
         plan,
@@ -54,7 +61,9 @@ def main(directory: Path) -> None:
     unfinished.write_bytes(msgspec.json.encode(address))
     unfinished.replace(directory / ADDRESS)
     outcome = scheduler.run()
-    guard.dismiss()
+    if not scheduler.unsafe:
+        guard.dismiss()
+    # Else no goodbye: when this process, and with it every call that hangs in a driver, has ended, the guard tries.
     live.close()
     server.finish(outcome)
 

@@ -21,7 +21,8 @@ from polfuse_lab.engine import protocol
 from polfuse_lab.engine.protocol import Finished, Prompt, StatusEvent
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.plans import Plan, parse_plan, plan_to_toml
-from polfuse_lab.rig import load_rig
+from polfuse_lab.plans.step_json import steps_to_json
+from polfuse_lab.rig import Rig, load_rig
 from polfuse_lab.rig.toml_model import read_text
 
 START_S = 30.0
@@ -47,20 +48,29 @@ class EngineClient:
         """Process id of the engine."""
 
     @classmethod
-    def start(cls, rig_path: Path | str, plan: Path | str | Plan, output: Path | str) -> EngineClient:
+    def start(
+        cls,
+        rig_path: Path | str,
+        plan: Path | str | Plan,
+        output: Path | str,
+        *,
+        continues: Path | str | None = None,
+    ) -> EngineClient:
         """Start an engine for one collect, detached from this process and its terminal, and attach to it.
 
         Args:
             rig_path: the rig file.
             plan: the plan file, or a plan made in Python.
             output: the session file to be written; must not exist.
+            continues: a session of the same plan that did not come to its end: only what is missing in it is collected.
 
         Raises:
             PolfuseError: a file is wrong, or the engine does not start.
         """
         rig_path = Path(rig_path).resolve()
-        load_rig(rig_path)
+        rig = load_rig(rig_path)
         plan_path, plan_toml = _plan_text(plan)
+        rest = None if continues is None else _rest(continues, rig, parse_plan(plan_toml, plan_path))
         private = directories.make()
         token = secrets.token_urlsafe(32)
         request = protocol.Request(
@@ -71,6 +81,7 @@ class EngineClient:
             output=str(Path(output).resolve()),
             token=token,
             transport=directories.transport(private),
+            rest=rest,
         )
         (private / directories.REQUEST).write_bytes(msgspec.msgpack.encode(request))
         (private / directories.TOKEN).write_text(token, encoding="utf-8")
@@ -269,6 +280,13 @@ def _plan_text(plan: Path | str | Plan) -> tuple[str, str]:
     return name, text
 
 
+def _rest(predecessor: Path | str, rig: Rig, plan: Plan) -> protocol.Rest:
+    from polfuse_lab.session.continuation import continuation
+
+    left = continuation(predecessor, rig, plan)
+    return protocol.Rest(steps_to_json(left.steps), left.origin)
+
+
 def running_engines() -> list[Path]:
     """Directories of this user's running engines, for :meth:`EngineClient.attach`."""
     return directories.running()
@@ -279,6 +297,7 @@ def collect(
     plan: Path | str | Plan,
     output: Path | str,
     *,
+    continues: Path | str | None = None,
     on_status: Callable[[StatusEvent], None] | None = None,
     on_prompt: Callable[[EngineClient, Prompt], None] | None = None,
 ) -> Finished:
@@ -290,6 +309,8 @@ def collect(
         rig_path: the rig file.
         plan: the plan file, or a plan made in Python (see :mod:`polfuse_lab.plans.custom`).
         output: the session file to be written; must not exist.
+        continues: a session of the same plan that did not come to its end: only what is missing in it is collected, and
+            :func:`polfuse_lab.session.join` makes one session of both.
         on_status: called with each status, about five times a second.
         on_prompt: called with the client and each prompt for the operator of a hand-operated device; without it, the
             first prompt aborts the run.
@@ -297,7 +318,7 @@ def collect(
     Raises:
         PolfuseError: a file is wrong, or the engine does not start or dies.
     """
-    with EngineClient.start(rig_path, plan, output) as client:
+    with EngineClient.start(rig_path, plan, output, continues=continues) as client:
 
         def ask(prompt: Prompt) -> None:
             if on_prompt is None:

@@ -24,6 +24,7 @@ from typing import Any
 
 from drivers import registry
 from drivers.errors import DeviceError, DeviceLost
+from polfuse_lab.engine.children import SIGNALS, start_child
 from polfuse_lab.engine.directory import remove
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.rig import Rig, driver_options, parse_model
@@ -48,13 +49,7 @@ class Guard:
     """
 
     def __init__(self, rig_toml: str, rig_path: str, directory: Path | None = None) -> None:
-        # A session of its own: who kills the engine's process group does not kill the guard.
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "polfuse_lab.engine.guard"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            start_new_session=True,
-        )
+        self._process = start_child("polfuse_lab.engine.guard", answers=False)
         told = {"rig_toml": rig_toml, "rig_path": rig_path, "directory": None if directory is None else str(directory)}
         self._say(json.dumps(told).encode() + b"\n")
 
@@ -167,10 +162,9 @@ def _make_safe(device: Any) -> str | None:
 
 def main() -> None:
     """Wait for the engine's end and do what is left to do."""
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+    for number in SIGNALS:
         # The engine decides when it is over; the guard's only cue is the pipe.
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
+        signal.signal(number, signal.SIG_IGN)
     told = json.loads(sys.stdin.buffer.readline())
     path = Path(told["rig_path"])
     rig = parse_model(told["rig_toml"], Rig, path)

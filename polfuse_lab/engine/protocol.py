@@ -15,6 +15,15 @@ SILENCE_S = 10.0
 STATUS_EVERY_S = 0.2
 
 
+class Rest(msgspec.Struct, frozen=True):
+    """What is left of a collect that another session began (see :mod:`polfuse_lab.session.continuation`)."""
+
+    steps_json: str
+    """The steps that are still to be carried out."""
+    origin: dict[str, str]
+    """Which session began it; kept in the new one."""
+
+
 class Request(msgspec.Struct, frozen=True):
     """What an engine is started for; handed over as a file in the engine's private directory."""
 
@@ -26,6 +35,8 @@ class Request(msgspec.Struct, frozen=True):
     token: str
     transport: str
     """``"ipc"`` or ``"tcp"``."""
+    rest: Rest | None = None
+    """Only what is left of the plan; None: all of it."""
     version: int = PROTOCOL_VERSION
 
 

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import queue
 import subprocess
-import sys
 import threading
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
+from polfuse_lab.engine.children import start_child
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.records import Record
 from polfuse_lab.session import wire
+from polfuse_lab.session.birth import discard_unborn
 from polfuse_lab.session.layout import SessionConfig
 from polfuse_lab.session.naming import partial_path
-from polfuse_lab.session.writer import discard_unborn
 
 QUEUE_BYTES = 128_000_000
 FLUSH_EVERY_S = 1.0
@@ -24,10 +26,16 @@ STALL_S = 30.0
 
 
 class WriterProcess:
-    """A session writer in a process of its own. Methods return at once, except :meth:`open` and :meth:`close`."""
+    """A session writer in a process of its own. Methods return at once, except :meth:`open` and :meth:`close`.
 
-    def __init__(self, path: Path) -> None:
+    Args:
+        path: the session file.
+        extra: entries that are added to the configuration's ``extra``.
+    """
+
+    def __init__(self, path: Path, extra: Mapping[str, Any] | None = None) -> None:
         self.path = path
+        self._extra = dict(extra or {})
         self.free_bytes: int | None = None
         """Free space on the disk as of the last flush."""
         self._failure: PolfuseError | None = None
@@ -49,19 +57,14 @@ class WriterProcess:
         Raises:
             PolfuseError: the file cannot be created, or the process does not start in time.
         """
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "polfuse_lab.session.writer_process"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-        )
+        self._process = start_child("polfuse_lab.session.writer_process", answers=True)
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         for target, stream in ((self._send, self._process.stdin), (self._receive, self._process.stdout)):
             thread = threading.Thread(target=target, args=(stream,), name=f"writer {target.__name__}", daemon=True)
             thread.start()
             self._threads.append(thread)
-        fields = wire.config_fields(config)
+        fields = wire.config_fields(dataclasses.replace(config, extra={**config.extra, **self._extra}))
         self._put(
             wire.encode({"kind": "create", "path": str(self.path), "config": fields, "expected_bytes": expected_bytes})
         )

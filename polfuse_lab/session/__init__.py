@@ -14,6 +14,7 @@ Reading::
             samples = session.audio(index)          # (row["samples"], 2), exactly as sampled
 """
 
+from polfuse_lab.session.join import JoinResult, join
 from polfuse_lab.session.layout import SCHEMA, VERSION, SessionConfig
 from polfuse_lab.session.reader import Session, open_session
 from polfuse_lab.session.recovery import RecoverResult, recover
@@ -26,12 +27,14 @@ __all__ = [
     "VERSION",
     "AudioRecord",
     "FrameRecord",
+    "JoinResult",
     "RecoverResult",
     "Selection",
     "Session",
     "SessionConfig",
     "SessionWriter",
     "info",
+    "join",
     "open_session",
     "recover",
 ]

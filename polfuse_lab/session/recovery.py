@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,11 +11,12 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.session import layout
+from polfuse_lab.session.copying import SessionCopy
 from polfuse_lab.session.naming import move_without_replacing
-from polfuse_lab.session.reader import Session, open_session
+from polfuse_lab.session.reader import open_session
 from polfuse_lab.session.space import ballast_path, in_use, require_free
 
 STALL_S = 60.0
@@ -48,11 +50,14 @@ def recover(partial: Path | str, out: Path | str) -> RecoverResult:
         raise PolfuseError("does not exist", where=str(partial), advice="check the file's name")
     if not out.parent.is_dir():
         raise PolfuseError("the folder does not exist", where=str(out.parent), advice="make it, or check the name")
+    _refuse_while_written(partial)
+    if partial.suffix == ".partial":
+        # The dead writer's; on a disk that takes no changes any more it stays.
+        with contextlib.suppress(OSError):
+            ballast_path(partial.with_suffix("")).unlink(missing_ok=True)
     require_free(out, partial.stat().st_size)
     answer = _in_a_process(partial, out)
     if isinstance(answer, RecoverResult):
-        if partial.suffix == ".partial":
-            ballast_path(partial.with_suffix("")).unlink(missing_ok=True)
         return answer
     raise answer
 
@@ -110,9 +115,11 @@ def copy_whole_records(partial: Path, out: Path, on_record: Callable[[], None] =
     unfinished.unlink(missing_ok=True)
     try:
         with open_session(partial) as session, h5py.File(unfinished, "x", libver=("v110", "v110")) as file:
-            kept = _copy(session, file, on_record)
-            recovered = sum(len(file[name]) for name in layout.TABLES)
-            lost = session.missing_records + sum(count - good for count, good in kept)
+            source = session._file
+            copy = SessionCopy(file, bytes(source["config"][:]), session, session if "images" in source else None)
+            copy.append(session, on_record=on_record)
+            recovered = copy.finish(_state(source["state"][:], copy))
+            lost = session.missing_records + copy.found - copy.copied
         target = move_without_replacing(unfinished, out)
     finally:
         unfinished.unlink(missing_ok=True)
@@ -126,67 +133,11 @@ def _refuse_while_written(partial: Path) -> None:
         )
 
 
-def _copy(session: Session, file: h5py.File, on_record: Callable[[], None]) -> list[tuple[int, int]]:
-    """Copy configuration, tables, audio and images; return (rows found, rows copied) of the two with data."""
-    source = session._file
-    file.attrs["schema"] = layout.SCHEMA
-    # Tables are read, and so written, in the present layout whatever the version of the partial file.
-    file.attrs["version"] = layout.VERSION
-    file.create_dataset("config", data=source["config"][:])
-    for name in layout.TABLES:
-        if name not in ("sweeps", "frames"):
-            _table(file, name, getattr(session, name))
-    counts = [_copy_audio(session, file, on_record), _copy_images(session, file, on_record)]
-    state = source["state"][:]
+def _state(state: NDArray[np.void], copy: SessionCopy) -> NDArray[np.void]:
+    """How it ended; of a file that was never closed, that nobody knows."""
     if bytes(state["state"][0]) == b"recording":
         state["state"] = b"engine lost"
         state["reason"] = b"recovered from a file that was never closed"
-        state["samples_lost"] = int(file["sweeps"]["lost"].sum())
-        state["frames_lost"] = int(file["frames"]["lost_before"].sum() + file["frames"]["incomplete"].sum())
-    file.create_dataset("state", data=state)
-    return counts
-
-
-def _copy_audio(session: Session, file: h5py.File, on_record: Callable[[], None]) -> tuple[int, int]:
-    old = session._file["audio"]
-    new = layout.declare_audio(file, old.shape[1], old.dtype.name, old.chunks[0])
-    chunk = new.chunks[0]
-    rows = []
-    for index, row in enumerate(session.sweeps):
-        on_record()
-        try:
-            samples = session.audio(index)
-        except PolfuseError:
-            continue
-        first = -(-new.shape[0] // chunk) * chunk
-        new.resize(first + len(samples), axis=0)
-        new[first:] = samples
-        copied = row.copy()
-        copied["first_sample"] = first
-        rows.append(copied)
-    _table(file, "sweeps", np.array(rows, dtype=layout.SWEEPS))
-    return len(session.sweeps), len(rows)
-
-
-def _copy_images(session: Session, file: h5py.File, on_record: Callable[[], None]) -> tuple[int, int]:
-    rows: list[np.void] = []
-    if "images" in session._file:
-        old = session._file["images"]
-        new = layout.declare_images(file, old.shape[1:], old.dtype.name)
-        for index, row in enumerate(session.frames):
-            on_record()
-            try:
-                image = session.frame(index)
-            except PolfuseError:
-                continue
-            new.resize(len(rows) + 1, axis=0)
-            new[len(rows)] = image
-            rows.append(row)
-    _table(file, "frames", np.array(rows, dtype=layout.FRAMES))
-    return len(session.frames), len(rows)
-
-
-def _table(file: h5py.File, name: str, rows: np.ndarray[Any, Any]) -> None:
-    dataset = layout.declare_table(file, name)
-    dataset.resize(len(rows), axis=0)
-    dataset[:] = rows
+        state["samples_lost"] = copy.samples_lost
+        state["frames_lost"] = copy.frames_lost
+    return state

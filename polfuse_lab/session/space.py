@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import re
 import shutil
 from pathlib import Path
 from typing import BinaryIO
@@ -17,6 +18,7 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 MEGABYTE = 1_000_000
+_ERRNO = re.compile(r"errno = (\d+)")
 
 
 def free_bytes(path: Path) -> int:
@@ -37,6 +39,14 @@ def require_free(path: Path, needed: int) -> None:
             where=str(path),
             advice="free some space or write to another disk",
         )
+
+
+def explain(error: BaseException) -> str:
+    """What the system said, in its own words; HDF5 wraps it in lines of detail."""
+    told = _ERRNO.search(str(error))
+    if told is None:
+        return str(error).splitlines()[0] if str(error) else type(error).__name__
+    return os.strerror(int(told[1]))
 
 
 def is_disk_full(error: BaseException) -> bool:

@@ -9,7 +9,7 @@ import os
 import time
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NoReturn
 
 import h5py
 import numpy as np
@@ -19,19 +19,16 @@ from drivers.records import ClockFix, PolarizerFix, SwitchState, TrolleyFix
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.records import Event, Exposure, Note, Observed, Record, SourceFix, Sweeps
 from polfuse_lab.session import layout
+from polfuse_lab.session.birth import BOUNDS, declare, write_again
 from polfuse_lab.session.growing import GrowingDataset
 from polfuse_lab.session.layout import SessionConfig
-from polfuse_lab.session.naming import (
-    check_free_name,
-    move_without_replacing,
-    partial_path,
-    rename_without_replacing,
-    taken,
-    unborn_path,
-)
-from polfuse_lab.session.space import Ballast, ballast_path, free_bytes, in_use, is_disk_full, require_free
+from polfuse_lab.session.naming import check_free_name, move_without_replacing, partial_path, taken, unborn_path
+from polfuse_lab.session.reserve import Reserve
+from polfuse_lab.session.space import Ballast, ballast_path, explain, free_bytes, is_disk_full, require_free
 
 MIN_BALLAST_BYTES = 2_000_000
+REMEMBERED_BYTES = 256_000_000
+"""Records are kept until they are flushed, up to so many bytes."""
 
 
 class SessionWriter:
@@ -48,9 +45,17 @@ class SessionWriter:
         self._file: h5py.File | None = file
         self._ballast = ballast
         self._config = config
+        self._unflushed: list[Record] | None = []
+        self._unflushed_bytes = 0
+        self._sound = True
+        self._attach(file)
+        self._flushed = self._counts()
+
+    def _attach(self, file: h5py.File) -> None:
         self._tables = {name: GrowingDataset(file[name]) for name in layout.TABLES if name in file}
         self._audio = GrowingDataset(file["audio"])
         self._images = GrowingDataset(file["images"]) if "images" in file else None
+        self._reserve = Reserve(file, self.partial)
 
     @classmethod
     def create(
@@ -80,7 +85,7 @@ class SessionWriter:
         ballast = Ballast(ballast_path(path), size)
         ballast.take()
         try:
-            file = _declare(unborn_path(path), partial, config)
+            file = declare(unborn_path(path), partial, config)
         except FileExistsError as error:
             ballast.free()
             raise taken(partial) from error
@@ -89,7 +94,9 @@ class SessionWriter:
             if isinstance(error, PolfuseError):
                 raise
             raise PolfuseError(
-                f"cannot be created ({error})", where=str(partial), advice="check the folder and its permissions"
+                f"cannot be created ({explain(error)})",
+                where=str(partial),
+                advice="check the folder and its permissions",
             ) from error
         return cls(path, partial, file, ballast, config)
 
@@ -101,17 +108,24 @@ class SessionWriter:
                 does not fit the session's configuration, or the session is closed.
         """
         self._open_file()
+        size = self._size(record)
+        try:
+            self._reserve.take(size)
+        except OSError as error:
+            self._fail(error)
         try:
             self._append(record)
         except (OSError, RuntimeError) as error:
+            self._sound = False
             self._fail(error)
         self.records += 1
+        self._remember(record, size)
 
     def flush(self, *, durable: bool = False) -> int:
         """Give everything to the operating system, or with ``durable`` to the disk; return the free bytes there.
 
         Raises:
-            PolfuseError: the disk is full; the session has been closed cleanly.
+            PolfuseError: the disk is full, or the file has vanished from its folder; the session has been closed.
         """
         file = self._open_file()
         try:
@@ -119,8 +133,16 @@ class SessionWriter:
             if durable:
                 os.fsync(file.id.get_vfd_handle())
         except (OSError, RuntimeError) as error:
+            self._sound = False
             self._fail(error)
-        free = free_bytes(self.partial)
+        self._flushed = self._counts()
+        self._unflushed, self._unflushed_bytes = [], 0
+        try:
+            # Raises where the file has been deleted, or its disk taken away.
+            self.partial.stat()
+            free = free_bytes(self.partial)
+        except OSError as error:
+            self._fail(error)
         if free < 2 * self._config.largest_block_bytes:
             # Rather now, in good order, than in the middle of the next record.
             self._fail(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
@@ -144,15 +166,24 @@ class SessionWriter:
             return self.path
         self._file = None
         self._ballast.free()
+        # Keeps the content when the name has been deleted.
+        handle = os.dup(file.id.get_vfd_handle())
         try:
+            if not self._sound:
+                file = self._written_again(file)
             self._end(file, state, reason)
+            self._reserve.give_back(handle)
+            if not self.partial.exists():
+                write_again(handle, self.partial)
             self.path = move_without_replacing(self.partial, self.path)
         except (OSError, RuntimeError) as error:
             raise PolfuseError(
-                f"could not be closed ({error})",
+                f"could not be closed ({explain(error)})",
                 where=str(self.partial),
-                advice=f"free some space, then run 'polfuse recover {self.partial.name} -o NEW.h5'",
+                advice=f"run 'polfuse recover {self.partial} -o NEW.h5', with NEW.h5 on another disk if need be",
             ) from error
+        finally:
+            os.close(handle)
         return self.path
 
     def __enter__(self) -> SessionWriter:
@@ -185,13 +216,65 @@ class SessionWriter:
             os.fsync(file.id.get_vfd_handle())
         file.close()
 
-    def _fail(self, error: Exception) -> None:
-        full = is_disk_full(error)
-        what = "the disk is full" if full else f"writing failed ({error})"
-        advice = "free some space and collect again" if full else "check the disk"
-        saved = self.close("failed", what)
+    def _remember(self, record: Record, size: int) -> None:
+        """Keep a record until it is flushed; where nobody flushes, none."""
+        if self._unflushed is not None:
+            self._unflushed.append(record)
+            self._unflushed_bytes += size
+            if self._unflushed_bytes > REMEMBERED_BYTES:
+                self._unflushed = None
+
+    def _counts(self) -> dict[str, int]:
+        """Items of each dataset."""
+        counts = {name: table.items for name, table in self._tables.items()} | {"audio": self._audio.items}
+        return counts if self._images is None else counts | {"images": self._images.items}
+
+    def _size(self, record: Record) -> int:
+        """Bytes of what is stored in whole chunks; rows of tables are small."""
+        if isinstance(record, Sweeps):
+            chunks = -(-len(record.block.samples) // self._audio.chunk)
+            return int(chunks * self._audio.chunk * record.block.samples[:1].nbytes)
+        return record.frame.image.nbytes if isinstance(record, Exposure) else 0
+
+    def _written_again(self, file: h5py.File) -> h5py.File:
+        """Cut off what has not been flushed, and write it again; the file, opened anew.
+
+        After a write that failed, HDF5 does not know which of its cached blocks are in the file: what was not flushed
+        would read as zeros. Raises OSError or RuntimeError when this fails as well.
+        """
+        file.close()
+        again = h5py.File(self.partial, "r+", libver=BOUNDS)
+        for name, items in self._flushed.items():
+            again[name].resize(items, axis=0)
+        again.flush()
+        self._attach(again)
+        self.samples_lost = int(again["sweeps"]["lost"].sum())
+        self.frames_lost = int(again["frames"]["lost_before"].sum() + again["frames"]["incomplete"].sum())
+        for record in self._unflushed or ():
+            try:
+                self._reserve.take(self._size(record))
+            except OSError:
+                break
+            self._append(record)
+        return again
+
+    def _fail(self, error: Exception) -> NoReturn:
+        """Close the session without the record that could not be written, and say why. Raises :class:`PolfuseError`."""
+        go_on = "go on in another place with 'polfuse collect RIG.toml PLAN.toml --continue {} -o NEW.h5'"
+        if is_disk_full(error):
+            what = "the disk is full"
+        elif isinstance(error, FileNotFoundError):
+            what = "the session's file was deleted while it was written, or its disk was taken away"
+        else:
+            what, go_on = f"writing failed ({explain(error)})", "check the disk, then " + go_on
+        try:
+            saved = self.close("failed", what)
+        except PolfuseError as worse:
+            raise PolfuseError(
+                f"{what}, and the session {worse.what}", where=worse.where, advice=worse.advice
+            ) from error
         raise PolfuseError(
-            f"{what}; everything before that is kept in {saved.name}", where=str(saved), advice=advice
+            f"{what}; everything before that is kept in {saved.name}", where=str(saved), advice=go_on.format(saved)
         ) from error
 
     def _append(self, record: Record) -> None:
@@ -296,44 +379,3 @@ class SessionWriter:
 
     def _row(self, table: str, values: tuple[Any, ...]) -> None:
         self._tables[table].append_row(values)
-
-
-def discard_unborn(path: Path) -> None:
-    """Remove what a writer that was killed before its session had begun left; one that has begun is left alone."""
-    if partial_path(path).exists() or in_use(ballast_path(path)):
-        return
-    for left in (unborn_path(path), ballast_path(path)):
-        with contextlib.suppress(OSError):
-            left.unlink(missing_ok=True)
-
-
-def _declare(unborn: Path, partial: Path, config: SessionConfig) -> h5py.File:
-    """Declare everything, and only then give the file its name: one killed before that cannot be opened."""
-    if os.name == "nt":
-        unborn = partial  # open files cannot be renamed there
-    else:
-        # A writer killed here may have left one; the ballast's lock says that none is at it now.
-        unborn.unlink(missing_ok=True)
-    # Bounds of HDF5 1.10: the first that knows SWMR, and the one that most other programs can read.
-    file = h5py.File(unborn, "x", libver=("v110", "v110"))
-    try:
-        file.attrs["schema"] = layout.SCHEMA
-        file.attrs["version"] = layout.VERSION
-        file.create_dataset("config", data=np.frombuffer(layout.snapshot(config), dtype=np.uint8))
-        state = np.zeros(1, layout.STATE)
-        state["state"] = b"recording"
-        file.create_dataset("state", data=state)
-        layout.declare_audio(file, config.audio_channels, config.sample_dtype, config.chunk_frames)
-        if config.frame_shape is not None:
-            layout.declare_images(file, config.frame_shape, config.frame_dtype)
-        for name in layout.TABLES:
-            layout.declare_table(file, name)
-        file.flush()
-        file.swmr_mode = True
-        if unborn != partial:
-            rename_without_replacing(unborn, partial)
-    except BaseException:
-        file.close()
-        unborn.unlink(missing_ok=True)
-        raise
-    return file

@@ -5,6 +5,7 @@ When stdin ends without a ``close`` message, the engine has died: the file is cl
 
 from __future__ import annotations
 
+import contextlib
 import os
 import queue
 import signal
@@ -75,11 +76,11 @@ def serve(answer: Any) -> None:
                 writer.write(wire.record_from(header, payload))
         if writer is not None:
             writer.close("engine lost", "the engine ended without closing the session")
-    except PolfuseError:
-        raise
-    except Exception:
+    except Exception as error:
         if writer is not None:
-            writer.close("failed", "the writer failed")
+            # What is wrong is told by the first error; a session that it has closed already stays as it is.
+            with contextlib.suppress(PolfuseError):
+                writer.close("failed", f"the writer failed ({error})")
         raise
 
 
