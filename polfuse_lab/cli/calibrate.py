@@ -64,6 +64,10 @@ def calibrate(
     ] = None,
     check_fold_deg: Annotated[float, typer.Option(help="Angle of a dihedral's fold from horizontal, degrees.")] = 0.0,
     check_height_m: Annotated[float, typer.Option(help="Height of its phase centre above the ground, metres.")] = 0.0,
+    reference: Annotated[
+        Path | None,
+        typer.Option(help="Products file of the target by itself ('polfuse focus SERIES.h5 --target NAME')."),
+    ] = None,
     mode: Annotated[
         Mode, typer.Option(help="offset: one constant (RCS is proportional to power); thesis: line through the noise.")
     ] = Mode.offset,
@@ -104,6 +108,7 @@ def calibrate(
         mode=mode.value,
         search_radius_m=search_radius_m,
         min_snr_db=min_snr_db,
+        reference=reference,
     )
     values: dict[str, object] = {
         "constant_db": made.constant_db,

@@ -31,6 +31,9 @@ def focus(
     sky: Annotated[
         Path | None, typer.Option(help="Session of the clear sky: takes the antennas' coupling off.")
     ] = None,
+    target: Annotated[
+        str | None, typer.Option(help="In a calibration series: the target whose records are focused.")
+    ] = None,
     figure: Annotated[Path | None, typer.Option(help="Picture to draw; others are drawn beside it.")] = None,
     json_: Json = False,
     debug: Debug = False,
@@ -66,6 +69,7 @@ def focus(
             oversampling=oversampling,
             compensate_pattern=pattern,
             sky=sky,
+            target=target,
         )
     for warning in made.warnings:
         progress(f"note: {warning}")
