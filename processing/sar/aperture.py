@@ -52,7 +52,9 @@ class Pulses:
     """(pulses, 3); None where the platform stood still."""
 
 
-def usable_pulses(profiles: RangeProfiles, weights: NDArray[np.floating] | None = None) -> Pulses:
+def usable_pulses(
+    profiles: RangeProfiles, weights: NDArray[np.floating] | None = None, *, every_channel: bool = True
+) -> Pulses:
     """Check profiles and leave out what does not count.
 
     A profile that is NaN throughout is a position that its channel missed: it gets weight 0 in that channel. Single
@@ -61,6 +63,7 @@ def usable_pulses(profiles: RangeProfiles, weights: NDArray[np.floating] | None 
     Args:
         profiles: range profiles of one or more channels.
         weights: (positions,) window along the aperture, finite and not negative; all ones where left out.
+        every_channel: whether a channel without any profile is refused.
 
     Raises:
         DataError: shapes disagree, positions, velocities or ranges are not finite, the range axis is not uniform,
@@ -99,7 +102,7 @@ def usable_pulses(profiles: RangeProfiles, weights: NDArray[np.floating] | None 
     present = ~np.isnan(values).all(axis=2)
     effective = np.where(present, window, 0.0)
     for name, total in zip(profiles.channels, effective.sum(axis=1), strict=True):
-        if total <= 0:
+        if total <= 0 and every_channel:
             raise DataError(f"channel {name} has no profile with any weight", "collect it again, or leave it out")
     used = effective.max(axis=0) > 0
     kept = np.where((effective[:, used] > 0)[..., None], values[:, used], 0)

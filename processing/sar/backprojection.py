@@ -2,10 +2,11 @@
 
     image(p) = sum_n w_n g_n(p) s_n(R_n(p)) exp(+j 4 pi centre R_n(p) / c) / sum_n w_n g_n(p)^2
 
-with the pulses' profiles s_n, the distance R_n(p) from pulse n to the pixel, the aperture's window w_n, and the two-way
-amplitude pattern g_n(p) (1 where no beam width is given). An isotropic target of RCS sigma in range-compensated
-profiles therefore shows ``A sqrt(sigma)`` with its own phase at its place, A as in
-:class:`processing.radar.profiles.RangeProfiles`.
+with the pulses' profiles s_n, the range R_n(p) of the pixel (with two antennas half the path from one to the other),
+the aperture's window w_n, and the two-way amplitude pattern g_n(p) (1 where no beam width is given). An isotropic
+target of RCS sigma in range-compensated profiles therefore shows ``A sqrt(sigma)`` with its own phase at its place, A
+as in :class:`processing.radar.profiles.RangeProfiles`. Platforms that move within a sweep:
+:mod:`processing.sar.continuous`.
 """
 
 from __future__ import annotations
@@ -14,29 +15,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import DataError
-from processing.radar.antenna import boresight, pattern_exponent
+from processing.radar.antenna import AntennaPair, boresight, pattern_exponent
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S, RangeProfiles
-from processing.sar.aperture import two_way_gain, usable_pulses
-from processing.sar.continuous import Motion, apparent_range, sweep_motion
+from processing.sar.aperture import Pulses, usable_pulses
+from processing.sar.backprojection_reference import backproject_reference
+from processing.sar.continuous import Motion, SweepMotion, sweep_motion
 from processing.sar.grid import Grid, ImageGrid, check_grid
-from processing.sar.interpolation import tap_table, tap_weights, taps_of
-from processing.sar.paths import channel_groups, radial_velocity, range_to
+from processing.sar.interpolation import check_bins
+from processing.sar.patches import best_patch, flat_places
+from processing.sar.paths import channel_groups
+
+__all__ = ["LiveImage", "backproject", "backproject_reference", "distance_m"]
+
+ROWS = 256
+"""Rows of a grid whose places are in memory at a time, where they cannot be told from its axes."""
+
+SMALL_TURNS = 4e-6
+"""Bound of the phase error, turns, up to which offsets within a patch of pixels may be float32, whatever the filter:
+-92 dB of a pixel at the very worst, some 20 dB less as a root mean square. Better filters set it lower."""
+
+TABLE_BYTES = 64_000_000
+"""Least size of the tables that are in memory at a time; larger ones take at most half of image and profiles."""
 
 
 def backproject(
     profiles: RangeProfiles,
-    grid: ImageGrid,
+    grid: Grid,
     *,
     interpolator: str = "sinc8",
     weights: NDArray[np.floating] | None = None,
     beamwidth_rad: float | None = None,
     depression_rad: float = 0.0,
+    motion: Motion = "auto",
 ) -> NDArray[np.complex64]:
     """Focus all channels in one pass of a compiled kernel.
 
-    Range and phase are float64 (phase reduced to turns before it is rounded), samples and weights float32, sums
-    float64. Image rows are shared among threads, each pixel sums its pulses in order: the result does not depend on
-    the number of threads. :func:`backproject_reference` is the definition.
+    :func:`backproject_reference` is the definition; ranges and phases agree with it within float32 rounding
+    (:mod:`processing.sar.backprojection_kernel`). Each pixel sums its pulses in order: results have the same bits on
+    any number of threads.
 
     Args:
         profiles: (channels, positions, bins); profiles that are NaN throughout count as missing.
@@ -45,90 +61,177 @@ def backproject(
         weights: (positions,) window along the aperture; rectangular where left out.
         beamwidth_rad: half-power beam width of one antenna for pattern compensation; none where left out.
         depression_rad: angle of the antennas' axes below horizontal; they look along +y.
+        motion: whether motion within a sweep is modelled, see :func:`processing.sar.continuous.sweep_motion`.
 
     Returns:
-        (channels, ny, nx) complex64; NaN where a pulse's range is off the profiles' axis, where a NaN sample was
-        touched, and where no pulse illuminates the pixel.
+        (channels, rows, columns) complex64; NaN where a pulse's range is off the profiles' axis, where a NaN sample was
+        touched, where no pulse illuminates the pixel, and where the grid has no place.
 
     Raises:
         DataError: unusable profiles, weights, grid or beam width, or an unknown interpolator.
     """
-    from processing.sar.backprojection_kernel import kernel_for
-
-    pulses = usable_pulses(profiles, weights)
-    taps = _checked_taps(profiles, grid, interpolator)
-    channels = len(pulses.values)
-    weighted = pulses.values * pulses.weights[..., None]
-    planar = np.concatenate([weighted.real, weighted.imag]).transpose(1, 0, 2)
-    exponent = 0.0 if beamwidth_rad is None else pattern_exponent(beamwidth_rad)
-    image = np.empty((channels, *grid.shape), dtype=np.complex64)
-    kernel_for(taps)(
-        np.ascontiguousarray(planar, dtype=np.float32),
-        np.ascontiguousarray(pulses.weights.T),
-        pulses.antenna_m,
-        np.ascontiguousarray(grid.x_m, dtype=np.float64),
-        np.ascontiguousarray(grid.y_m, dtype=np.float64),
-        float(grid.z_m),
-        float(profiles.range_m[0]),
-        1.0 / profiles.range_step_m,
-        2.0 * profiles.centre_hz / SPEED_OF_LIGHT_M_S,
-        tap_table(interpolator, profiles.resolution_m / profiles.range_step_m),
-        boresight(depression_rad),
-        exponent,
-        image,
-    )
-    return image
+    live = LiveImage(grid, interpolator=interpolator, beamwidth_rad=beamwidth_rad, depression_rad=depression_rad)
+    live.add(profiles, weights=weights, motion=motion)
+    return live.finish()
 
 
-def backproject_reference(
-    profiles: RangeProfiles,
-    grid: Grid,
-    *,
-    interpolator: str = "sinc16",
-    weights: NDArray[np.floating] | None = None,
-    beamwidth_rad: float | None = None,
-    depression_rad: float = 0.0,
-    motion: Motion = "auto",
-) -> NDArray[np.complex128]:
-    """Back-projection in plain NumPy, float64 throughout: what :func:`backproject` is measured against.
+class LiveImage:
+    """An image that grows with the collect: positions are added as they come, in any order and number.
 
-    Arguments, NaN rules and errors as there; the default interpolator is the longest one. Returns (channels, ny, nx)
-    complex128.
+    Args:
+        grid: where to form the image.
+        interpolator: see :func:`backproject`.
+        beamwidth_rad: see :func:`backproject`.
+        depression_rad: see :func:`backproject`.
+
+    Raises:
+        DataError: unusable grid or beam width, or an unknown interpolator.
     """
-    pulses = usable_pulses(profiles, weights)
-    taps = _checked_taps(profiles, grid, interpolator)
-    moving = sweep_motion(profiles, motion)
-    places = grid.places_m()
-    bins = len(profiles.range_m)
-    step = (profiles.range_m[-1] - profiles.range_m[0]) / (bins - 1)
-    oversampling = profiles.resolution_m / step
-    total = np.zeros((len(pulses.values), *grid.shape), dtype=np.complex128)
-    gain_total = np.zeros(total.shape)
-    for n, antenna in enumerate(pulses.antenna_m):
-        gain = np.ones(grid.shape)
-        if beamwidth_rad is not None:
-            gain = two_way_gain(antenna, grid, beamwidth_rad, depression_rad)
-        for pair, channels in channel_groups(profiles):
-            distance = range_to(antenna, pair, places)
-            seen, turns = distance, 2 * profiles.centre_hz / SPEED_OF_LIGHT_M_S * distance
-            if moving.modelled and pulses.velocity_m_s is not None:
-                radial = radial_velocity(antenna, pulses.velocity_m_s[n], pair, places)
-                seen, turns = apparent_range(distance, radial, profiles.centre_hz, moving.slope_hz_s)
-            place = (seen - pulses.start_m[n]) / step
-            # NaN places (where a grid has none) read bin 0 and stay NaN by their phase.
-            first = np.floor(np.nan_to_num(np.clip(place, -taps, bins + taps))).astype(np.int64) - (taps // 2 - 1)
-            inside = (first >= 0) & (first + taps <= bins)
-            read = np.where(inside, first, 0)[..., None] + np.arange(taps)
-            filters = tap_weights(interpolator, place - np.floor(place), oversampling)
-            turned = np.exp(2j * np.pi * turns)
-            for c in channels:
-                weight = pulses.weights[c, n]
-                sample = (pulses.values[c, n].astype(np.complex128)[read] * filters).sum(axis=-1)
-                total[c] += np.where(inside, weight * gain * sample * turned, np.nan)
-                gain_total[c] += weight * gain**2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        image: NDArray[np.complex128] = np.where(gain_total > 0, total / gain_total, np.nan)
-    return image
+
+    def __init__(
+        self,
+        grid: Grid,
+        *,
+        interpolator: str = "sinc8",
+        beamwidth_rad: float | None = None,
+        depression_rad: float = 0.0,
+    ) -> None:
+        check_grid(grid)
+        check_bins(interpolator, 1 << 30)
+        self.grid, self.interpolator = grid, interpolator
+        self._exponent = 0.0 if beamwidth_rad is None else pattern_exponent(beamwidth_rad)
+        self._axis = boresight(depression_rad)
+        self._signal: tuple[object, ...] | None = None
+        self._total = np.zeros((0, *grid.shape), dtype=np.complex64)
+        self._weight = np.zeros(0)
+        self._gains = np.zeros((0, *grid.shape), dtype=np.float32)
+
+    def add(
+        self, profiles: RangeProfiles, *, weights: NDArray[np.floating] | None = None, motion: Motion = "auto"
+    ) -> SweepMotion:
+        """Add positions; arguments and errors as in :func:`backproject`. Returns how motion was treated.
+
+        A channel that has no profile at these positions gains nothing; it is no error unless nothing is ever added.
+
+        Raises:
+            DataError: also where channels or the radar's signal are not those of the first positions.
+        """
+        from processing.sar.segments import filter_error_db, segment_polynomials
+
+        signal = (profiles.channels, profiles.centre_hz, profiles.bandwidth_hz)
+        if self._signal not in (None, signal):
+            raise DataError("these profiles have other channels or another signal", "begin a new image for them")
+        pulses = usable_pulses(profiles, weights, every_channel=self._signal is None)
+        check_bins(self.interpolator, len(profiles.range_m))
+        moving = sweep_motion(profiles, motion)
+        groups = channel_groups(profiles)
+        channels = len(pulses.values)
+        same = bool((pulses.weights == pulses.weights[0]).all()) and len(groups) == 1
+        if self._signal is None:
+            self._signal = signal
+            self._total = np.zeros((channels, *self.grid.shape), dtype=np.complex64)
+            self._weight = np.zeros(channels)
+            sets = 0 if not self._exponent else 1 if same else channels
+            self._gains = np.zeros((sets, *self.grid.shape), dtype=np.float32)
+        elif len(self._gains) == 1 and not same:
+            self._gains = np.repeat(self._gains, channels, axis=0)
+        self._weight += pulses.weights.sum(axis=1)
+        if not pulses.antenna_m.size:
+            return moving
+        step = profiles.resolution_m / ((profiles.range_m[-1] - profiles.range_m[0]) / (len(profiles.range_m) - 1))
+        polynomials = segment_polynomials(self.interpolator, round(float(step), 9))
+        small = min(SMALL_TURNS, 10 ** (filter_error_db(self.interpolator, round(float(step), 9)) / 20))
+        for pair, members in groups:
+            whole = len(members) == channels
+            total = self._total if whole else self._total[members]
+            gains = self._gains if whole or not len(self._gains) else self._gains[members]
+            self._sum(profiles, pulses, pair, members, moving, polynomials, small, total, gains)
+            if not whole:
+                self._total[members] = total
+                if len(self._gains):
+                    self._gains[members] = gains
+        return moving
+
+    def _sum(
+        self,
+        profiles: RangeProfiles,
+        pulses: Pulses,
+        pair: AntennaPair,
+        members: list[int],
+        moving: SweepMotion,
+        polynomials: NDArray[np.float64],
+        small_turns: float,
+        total: NDArray[np.complex64],
+        gains: NDArray[np.float32],
+    ) -> None:
+        from processing.sar.backprojection_kernel import Signal, Table, add_pulses
+        from processing.sar.segments import segment_tables, table_stride
+
+        bins = len(profiles.range_m)
+        bins_per_m = (bins - 1) / float(profiles.range_m[-1] - profiles.range_m[0])
+        layout = Table(len(polynomials) - 1, len(members), bins, table_stride(bins))
+        signal = Signal(
+            bins_per_m=bins_per_m,
+            turns_per_m=2 * profiles.centre_hz / SPEED_OF_LIGHT_M_S,
+            bistatic=pair.transmit_m != pair.receive_m,
+            moving=moving.modelled,
+            walk_s=profiles.centre_hz / moving.slope_hz_s,
+            video=2 * moving.slope_hz_s / SPEED_OF_LIGHT_M_S**2 if moving.modelled else 0.0,
+            axis_x=float(self._axis[0]),
+            axis_y=float(self._axis[1]),
+            axis_z=float(self._axis[2]),
+            exponent=float(self._exponent),
+            small_turns=small_turns,
+        )
+        track = _track(pulses, pair)
+        # Sets of weights for the antennas' gains; without a pattern none is read.
+        factors = np.ascontiguousarray(pulses.weights[members][: max(len(gains), 1)], dtype=np.float32)
+        if not len(gains):
+            gains = np.zeros((1, 1, 1), dtype=np.float32)
+        across = best_patch(self.grid, track, bins_per_m)
+        size = 8 * len(members) * layout.stride * len(polynomials)
+        room = max(TABLE_BYTES, (total.nbytes + pulses.values.nbytes) // 2)
+        block = max(room // size // 128 * 128, min(room // size, 128), 1)
+        for p0 in range(0, track.shape[1], block):
+            some = slice(p0, p0 + block)
+            values = np.ascontiguousarray(pulses.values[members, some], dtype=np.complex64)
+            table = segment_tables(values, np.ascontiguousarray(pulses.weights[members, some]), polynomials)
+            numbers, factor = np.ascontiguousarray(track[:, some]), np.ascontiguousarray(factors[:, some])
+            for pixel, ground in flat_places(self.grid, across, ROWS):
+                add_pulses(table, layout, signal, numbers, factor, pixel, ground, total, gains)
+
+    def image(self) -> NDArray[np.complex64]:
+        """The image of what was added so far, (channels, rows, columns) complex64; more can be added afterwards."""
+        return self._normalised(self._total.copy())
+
+    def finish(self) -> NDArray[np.complex64]:
+        """As :meth:`image`, without a copy; nothing can be added any more."""
+        total, self._total = self._total, np.zeros((0, *self.grid.shape), dtype=np.complex64)
+        return self._normalised(total)
+
+    def _normalised(self, total: NDArray[np.complex64]) -> NDArray[np.complex64]:
+        for c, plane in enumerate(total):
+            with np.errstate(invalid="ignore", divide="ignore"):
+                if len(self._gains):
+                    gain = self._gains[min(c, len(self._gains) - 1)]
+                    plane /= gain
+                    plane[~(gain > 0)] = np.nan
+                elif self._weight[c] > 0:
+                    plane /= np.float32(self._weight[c])
+                else:
+                    plane[:] = np.nan
+        return total
+
+
+def _track(pulses: Pulses, pair: AntennaPair) -> NDArray[np.float64]:
+    """(10, pulses) of the kernel: transmission, reception, velocity, first range."""
+    track = np.zeros((10, len(pulses.antenna_m)))
+    track[0:3] = (pulses.antenna_m + np.asarray(pair.transmit_m)).T
+    track[3:6] = (pulses.antenna_m + np.asarray(pair.receive_m)).T
+    if pulses.velocity_m_s is not None:
+        track[6:9] = pulses.velocity_m_s.T
+    track[9] = pulses.start_m
+    return track
 
 
 def distance_m(antenna_m: NDArray[np.float64], grid: ImageGrid) -> NDArray[np.float64]:
@@ -137,14 +240,3 @@ def distance_m(antenna_m: NDArray[np.float64], grid: ImageGrid) -> NDArray[np.fl
     dy = grid.y_m[:, None] - antenna_m[1]
     distance: NDArray[np.float64] = np.sqrt(dx**2 + dy**2 + (grid.z_m - antenna_m[2]) ** 2)
     return distance
-
-
-def _checked_taps(profiles: RangeProfiles, grid: Grid, interpolator: str) -> int:
-    taps = taps_of(interpolator)
-    check_grid(grid)
-    if len(profiles.range_m) < taps:
-        raise DataError(
-            f"{len(profiles.range_m)} range bins are fewer than the {taps} that {interpolator} interpolation reads",
-            "keep a longer range axis",
-        )
-    return taps

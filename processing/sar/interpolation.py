@@ -34,6 +34,21 @@ def taps_of(interpolator: str) -> int:
     return INTERPOLATOR_TAPS[interpolator]
 
 
+def check_bins(interpolator: str, bins: int) -> int:
+    """Number of bins that an interpolator reads, where a range axis has as many.
+
+    Raises:
+        DataError: there is no interpolator of that name, or the axis is too short for it.
+    """
+    taps = taps_of(interpolator)
+    if bins < taps:
+        raise DataError(
+            f"{bins} range bins are fewer than the {taps} that {interpolator} interpolation reads",
+            "keep a longer range axis",
+        )
+    return taps
+
+
 def sinc_weights(fraction: ArrayLike, taps: int, oversampling: float) -> NDArray[np.float64]:
     """Weights of a Kaiser-windowed sinc of any even length.
 
