@@ -1,0 +1,310 @@
+"""The compiled kernels of factorized back-projection: exact smallest parts, merging of parts, and the image.
+
+Each works on lines of up to ``BLOCK`` places. A first loop, which the compiler turns into vectors, finds where each
+place lies on a part's grid and by how many turns its phase differs, in float64; a second one reads and sums the samples
+(:mod:`processing.sar.patch_sum`). Lines are shared among threads; every sum has one order, whatever their number.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+from processing.sar.patch_sum import COLUMNS, PLACES, TABLE_STEPS, patches_sum, types
+
+BLOCK = 64
+"""Places of a line that one turn of the loops holds; their buffers stay in the core's own cache."""
+
+CHUNK = 16
+"""Pulses or parts that are summed at a time."""
+
+# Reordering and contraction only: nothing here may assume that numbers are finite.
+_MATH = {"contract", "reassoc", "nsz", "arcp"}
+
+
+@njit(inline="always", fastmath=_MATH, error_model="numpy")
+def _phasor(turns: float) -> Any:
+    """Cosine and sine of a float64 number of turns, as float32.
+
+    Folded to a quarter turn, where these Taylor series are good to 6e-8, float32's own rounding.
+    """
+    angle = np.float32(turns - math.floor(turns + 0.5))
+    size = abs(angle)
+    far = size > np.float32(0.25)
+    v = (np.float32(0.5) - size if far else size) * np.float32(2 * math.pi)
+    u = v * v
+    c = np.float32(-1 / 3628800) + u * np.float32(1 / 479001600)
+    c = np.float32(-1 / 720) + u * (np.float32(1 / 40320) + u * c)
+    c = np.float32(1) + u * (np.float32(-1 / 2) + u * (np.float32(1 / 24) + u * c))
+    s = np.float32(-1 / 5040) + u * (np.float32(1 / 362880) + u * np.float32(-1 / 39916800))
+    s = v * (np.float32(1) + u * (np.float32(-1 / 6) + u * (np.float32(1 / 120) + u * s)))
+    return (-c if far else c), (-s if angle < np.float32(0) else s)
+
+
+@njit(inline="always", fastmath=_MATH, error_model="numpy")
+def _line(
+    frame: Any, part: int, row: int, column: int, count: int, z: float, r: Any, x: Any, y: Any, excess: Any
+) -> None:
+    """Fill R, x, y and excess of ``count`` places of one line of a part's grid, as ``polar_places`` defines them."""
+    s = frame[part, 9] + row * frame[part, 10]
+    height = z - frame[part, 2]
+    square = height * height
+    for i in range(count):
+        distance = frame[part, 7] + (column + i) * frame[part, 8]
+        along = s * distance
+        left = distance * distance - square - along * along
+        ahead = math.sqrt(max(left, 0.0))
+        r[i] = distance
+        excess[i] = min(left, 0.0)
+        x[i] = frame[part, 0] + along * frame[part, 3] + ahead * frame[part, 5]
+        y[i] = frame[part, 1] + along * frame[part, 4] + ahead * frame[part, 6]
+
+
+@njit(inline="always", fastmath=_MATH, error_model="numpy")
+def _read_pulse(
+    transmit: Any, receive: Any, start: float, bins: int, bins_per_m: float, turns_per_m: float, axis: Any,
+    exponent: float, z: float, count: int, r: Any, x: Any, y: Any, excess: Any, place: Any, entry: Any, fraction: Any,
+    cosine: Any, sine: Any,
+) -> None:  # fmt: skip
+    """Where one pulse's profile is to be read for a line of places, and the phase to turn it by."""
+    tz, rz = z - transmit[2], z - receive[2]
+    same = transmit[0] == receive[0] and transmit[1] == receive[1] and tz == rz
+    for i in range(count):
+        dx, dy = x[i] - transmit[0], y[i] - transmit[1]
+        path = math.sqrt(max(dx * dx + dy * dy + tz * tz + excess[i], 1e-12))
+        if not same:
+            ex, ey = x[i] - receive[0], y[i] - receive[1]
+            path = 0.5 * (path + math.sqrt(max(ex * ex + ey * ey + rz * rz + excess[i], 1e-12)))
+        at = (path - start) * bins_per_m
+        held = min(max(at, COLUMNS // 2 - 1.0), bins - COLUMNS // 2 - 1.0)
+        whole = math.floor(held)
+        step = (held - whole) * TABLE_STEPS
+        lower = math.floor(step)
+        place[i] = np.int32(whole) - (COLUMNS // 2 - 1)
+        entry[i] = np.int32(lower)
+        fraction[i] = np.float32(step - lower)
+        c, s = _phasor(turns_per_m * (path - r[i]))
+        # Off the profiles there is nothing to read.
+        inside = np.float32(1) if held == at else np.float32(0)
+        cosine[i] = c * inside
+        sine[i] = s * inside
+    if exponent > 0.0:
+        for i in range(count):
+            dx, dy = x[i] - transmit[0], y[i] - transmit[1]
+            distance = math.sqrt(max(dx * dx + dy * dy + tz * tz + excess[i], 1e-12))
+            toward = (axis[0] * dx + axis[1] * dy + axis[2] * tz) / distance
+            gain = np.float32(toward**exponent if toward > 0.0 else 0.0)
+            cosine[i] *= gain
+            sine[i] *= gain
+
+
+@njit(parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy")
+def form_parts(
+    samples: Any,
+    weights: Any,
+    order: Any,
+    transmit: Any,
+    receive: Any,
+    start: Any,
+    bins: int,
+    bins_per_m: float,
+    turns_per_m: float,
+    table: Any,
+    axis: Any,
+    exponent: float,
+    z: float,
+    first: Any,
+    frame: Any,
+    layout: Any,
+    jobs: Any,
+    out: Any,
+) -> None:
+    """Sum the pulses of each smallest part at the places of its grid, the phase of R taken off.
+
+    Args:
+        samples: flat float32 view of (channels, pulses, bins) complex64.
+        weights: (channels, pulses).
+        order: (pulses,) pulse at each place of the order in which they are grouped.
+        transmit: (pulses, 3) in that order.
+        receive: (pulses, 3) in that order.
+        start: (pulses,) range of bin 0, in that order.
+        bins: of a profile.
+        bins_per_m: per metre of range.
+        turns_per_m: turns of phase per metre of range.
+        table: flat column table.
+        axis: (3,) the antennas' axis.
+        exponent: of their pattern; 0: none.
+        z: height of the scene.
+        first: (parts + 1,) first pulse of each part.
+        frame: (parts, 11) centre, axis, direction ahead, start and step of R, start and step of s.
+        layout: (parts, 3) first sample, rows, columns.
+        jobs: (lines, 2) part and row.
+        out: flat float32 view of (channels, samples) complex64, filled.
+    """
+    channels, pulses = weights.shape
+    total = out.size // (2 * channels)
+    for job in prange(len(jobs)):
+        part, row = jobs[job, 0], jobs[job, 1]
+        columns = layout[part, 2]
+        r, x, y, excess = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
+        place = np.empty((CHUNK, BLOCK), np.int32)
+        entries, parts = np.empty((2, CHUNK, BLOCK), np.int32), np.empty((2, CHUNK, BLOCK), np.float32)
+        phase, turned = np.empty((2, CHUNK, BLOCK), np.float32), np.empty((2, CHUNK, BLOCK), np.float32)
+        begin = np.empty(CHUNK, np.int64)
+        sums = np.empty((channels, 2, BLOCK), np.float32)
+        for column in range(0, columns, BLOCK):
+            count = min(BLOCK, columns - column)
+            _line(frame, part, row, column, count, z, r, x, y, excess)
+            sums[:] = 0
+            for chunk in range(first[part], first[part + 1], CHUNK):
+                held = min(CHUNK, first[part + 1] - chunk)
+                for k in range(held):
+                    _read_pulse(
+                        transmit[chunk + k], receive[chunk + k], start[chunk + k], bins, bins_per_m, turns_per_m,
+                        axis, exponent, z, count, r, x, y, excess, place[k], entries[1, k], parts[1, k], phase[0, k],
+                        phase[1, k],
+                    )  # fmt: skip
+                for channel in range(channels):
+                    for k in range(held):
+                        begin[k] = (channel * pulses + order[chunk + k]) * bins
+                        weight = np.float32(weights[channel, order[chunk + k]])
+                        for i in range(count):
+                            turned[0, k, i] = weight * phase[0, k, i]
+                            turned[1, k, i] = weight * phase[1, k, i]
+                    for i in range(count):
+                        re, im = patches_sum(
+                            samples, begin, begin, 1, table, table, place, entries, parts, turned, CHUNK, BLOCK, i, held
+                        )
+                        sums[channel, 0, i] += re
+                        sums[channel, 1, i] += im
+            at = layout[part, 0] + row * columns + column
+            for channel in range(channels):
+                for i in range(count):
+                    out[2 * (channel * total + at + i)] = sums[channel, 0, i]
+                    out[2 * (channel * total + at + i) + 1] = sums[channel, 1, i]
+
+
+@functools.cache
+def kernels_for(rows: int) -> tuple[Callable[..., None], Callable[..., None]]:
+    """The kernels that merge parts and that form the image, for a number of rows of a patch.
+
+    ``merge(children, span, child_frame, child_layout, samples, turns_per_m, row_table, column_table, z, frame, layout,
+    jobs, out)`` sums, for each part of a level, the parts ``span[part]`` to ``span[part + 1]`` of the finer level whose
+    flat samples are given. ``form(child_frame, child_layout, samples, turns_per_m, row_table, column_table, x, y, z,
+    image)`` sums all parts of a level at places x, y (rows, columns) with their whole phase put back; ``image`` is
+    (channels, rows, columns); NaN where a place is off a part's grid.
+    """
+    half = rows // 2
+    steps = TABLE_STEPS
+
+    @njit(inline="always", fastmath=_MATH, error_model="numpy")
+    def read_part(
+        frame: Any, layout: Any, part: int, turns: float, z: float, count: int, r: Any, x: Any, y: Any,
+        excess: Any, place: Any, row_entry: Any, column_entry: Any, row_part: Any, column_part: Any, cosine: Any,
+        sine: Any,
+    ) -> None:  # fmt: skip
+        columns = layout[part, 2]
+        per_r, per_s = 1.0 / frame[part, 8], 1.0 / frame[part, 10]
+        cx, cy, dz = frame[part, 0], frame[part, 1], z - frame[part, 2]
+        ax, ay, first_r, first_s = frame[part, 3], frame[part, 4], frame[part, 7], frame[part, 9]
+        last_s, last_r = layout[part, 1] - half - 1.0, columns - COLUMNS // 2 - 1.0
+        for i in range(count):
+            dx, dy = x[i] - cx, y[i] - cy
+            distance = math.sqrt(max(dx * dx + dy * dy + dz * dz + excess[i], 1e-12))
+            s = (dx * ax + dy * ay) / distance
+            at_r, at_s = (distance - first_r) * per_r, (s - first_s) * per_s
+            held_r = min(max(at_r, COLUMNS // 2 - 1.0), last_r)
+            held_s = min(max(at_s, half - 1.0), last_s)
+            whole_r, whole_s = math.floor(held_r), math.floor(held_s)
+            step_r, step_s = (held_r - whole_r) * steps, (held_s - whole_s) * steps
+            lower_r, lower_s = math.floor(step_r), math.floor(step_s)
+            row, column = np.int32(whole_s) - np.int32(half - 1), np.int32(whole_r) - np.int32(COLUMNS // 2 - 1)
+            place[i] = row * np.int32(columns) + column
+            row_entry[i], column_entry[i] = np.int32(lower_s), np.int32(lower_r)
+            row_part[i], column_part[i] = np.float32(step_s - lower_s), np.float32(step_r - lower_r)
+            c, q = _phasor(turns * (distance - r[i]))
+            inside = np.float32(1) if held_r == at_r and held_s == at_s else np.float32(np.nan)
+            cosine[i], sine[i] = c * inside, q * inside
+
+    @njit(inline="always", fastmath=_MATH, error_model="numpy")
+    def add_parts(
+        channels: int, first: int, last: int, frame: Any, layout: Any, samples: Any, turns: float, along: Any,
+        across: Any, z: float, count: int, r: Any, x: Any, y: Any, excess: Any, sums: Any,
+    ) -> None:  # fmt: skip
+        total = samples.size // (2 * channels)
+        place = np.empty((CHUNK, BLOCK), np.int32)
+        entries, parts = np.empty((2, CHUNK, BLOCK), np.int32), np.empty((2, CHUNK, BLOCK), np.float32)
+        phase = np.empty((2, CHUNK, BLOCK), np.float32)
+        begin, pitch = np.empty(CHUNK, np.int64), np.empty(CHUNK, np.int64)
+        for chunk in range(first, last, CHUNK):
+            held = min(CHUNK, last - chunk)
+            for k in range(held):
+                read_part(frame, layout, chunk + k, turns, z, count, r, x, y, excess, place[k], entries[0, k],
+                          entries[1, k], parts[0, k], parts[1, k], phase[0, k], phase[1, k])  # fmt: skip
+                pitch[k] = layout[chunk + k, 2]
+            for channel in range(channels):
+                for k in range(held):
+                    begin[k] = channel * total + layout[chunk + k, 0]
+                for i in range(count):
+                    re, im = patches_sum(
+                        samples, begin, pitch, rows, along, across, place, entries, parts, phase, CHUNK, BLOCK, i, held
+                    )
+                    sums[channel, 0, i] += re
+                    sums[channel, 1, i] += im
+
+    @njit(parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy")
+    def merge(
+        channels: int, span: Any, child_frame: Any, child_layout: Any, samples: Any, turns: float, along: Any,
+        across: Any, z: float, frame: Any, layout: Any, jobs: Any, out: Any,
+    ) -> None:  # fmt: skip
+        total = out.size // (2 * channels)
+        for job in prange(len(jobs)):
+            part, row = jobs[job, 0], jobs[job, 1]
+            columns = layout[part, 2]
+            r, x, y, excess = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
+            sums = np.empty((channels, 2, BLOCK), np.float32)
+            for column in range(0, columns, BLOCK):
+                count = min(BLOCK, columns - column)
+                _line(frame, part, row, column, count, z, r, x, y, excess)
+                sums[:] = 0
+                add_parts(channels, span[part], span[part + 1], child_frame, child_layout, samples, turns, along,
+                          across, z, count, r, x, y, excess, sums)  # fmt: skip
+                begin = layout[part, 0] + row * columns + column
+                for channel in range(channels):
+                    for i in range(count):
+                        out[2 * (channel * total + begin + i)] = sums[channel, 0, i]
+                        out[2 * (channel * total + begin + i) + 1] = sums[channel, 1, i]
+
+    # Written out, so that places may be read-only views of any layout without compiling anew.
+    @njit(
+        types.void(
+            types.float64[:, ::1], types.int64[:, ::1], types.float32[::1], types.float64, types.float32[::1],
+            types.float32[::1], PLACES, PLACES, types.float64, types.complex64[:, :, ::1],
+        ),
+        parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy",
+    )  # fmt: skip
+    def form(
+        child_frame: Any, child_layout: Any, samples: Any, turns: float, along: Any, across: Any, x: Any, y: Any,
+        z: float, image: Any,
+    ) -> None:  # fmt: skip
+        channels, lines, columns = image.shape
+        blocks = (columns + BLOCK - 1) // BLOCK
+        for job in prange(lines * blocks):
+            line, column = job // blocks, (job % blocks) * BLOCK
+            count = min(BLOCK, columns - column)
+            zero, px, py = np.zeros(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
+            sums = np.zeros((channels, 2, BLOCK), np.float32)
+            for i in range(count):
+                px[i], py[i] = x[line, column + i], y[line, column + i]
+            add_parts(channels, 0, len(child_frame), child_frame, child_layout, samples, turns, along, across, z,
+                      count, zero, px, py, zero, sums)  # fmt: skip
+            for channel in range(channels):
+                for i in range(count):
+                    image[channel, line, column + i] = complex(sums[channel, 0, i], sums[channel, 1, i])
+
+    return merge, form
