@@ -50,6 +50,8 @@ class Base:
 
     def make_safe(self):
         self.log("safe")
+        if self.o.fault == "slow_safe":
+            time.sleep(5)
 
     def close(self):
         self.log("close")

@@ -97,6 +97,17 @@ def test_a_run_that_ends_by_itself_is_left_alone(bench):
     assert [what for _, what in bench.events()].count("switches safe") == 1
 
 
+def test_a_device_that_did_not_confirm_its_safe_state_is_left_to_the_guard(bench):
+    bench.write(aperture=0.5, switches={"fault": "slow_safe"})
+    with bench.start() as client:
+        outcome = client.wait()
+    assert outcome.state == "finished"
+    assert "the switches did not confirm its safe state" in outcome.warnings
+    # The guard opens switches and trolley once more, and makes them safe.
+    wait_for(lambda: [what for _, what in bench.events()].count("switches safe") == 2, "the guard", 20)
+    wait_for(lambda: [what for _, what in bench.events()].count("trolley safe") == 2, "the guard", 20)
+
+
 def test_a_crash_before_the_devices_were_opened_is_harmless(bench):
     bench.write()
     guard = Guard(bench.rig.read_text(), str(bench.rig))

@@ -149,10 +149,10 @@ def test_a_polarizer_that_slips_during_a_frame_turns_back_and_the_frame_is_taken
     poll, polls = fake_devices.Polarizer.poll, []
 
     def slipping(self):
-        polls.append(1)
-        # One for the turn to 0 deg, two after its frames, one for the turn to 45 deg: this is after the third frame.
-        if len(polls) == 5:
-            self.angle += math.radians(3)
+        if math.isclose(self.angle, math.radians(45)):
+            polls.append(1)
+            if len(polls) == 2:  # once at the end of the turn, and now after the third frame
+                self.angle += math.radians(3)
         return poll(self)
 
     monkeypatch.setattr(fake_devices.Polarizer, "poll", slipping)
