@@ -45,6 +45,12 @@ def _full_queue(run: VirtualRun, injected: Injected) -> None:
     run.recorder.full_until_ns = run.clock.now_ns + 300_000_000
 
 
+def _slow_disk_and_pause(run: VirtualRun, injected: Injected) -> None:
+    run.recorder.flush_s = 10.0
+    run.go_steps(12)
+    _pause(run, injected)
+
+
 def _full_disk(run: VirtualRun, injected: Injected) -> None:
     if run.recorder.begun and run.scheduler.status().state != "stopping":
         injected.disk_failed = True
@@ -95,6 +101,7 @@ ACTIONS: dict[str, Action] = {
     "pause and abort": _pause_and_abort,
     "note": _note,
     "full queue": _full_queue,
+    "slow disk and pause": _slow_disk_and_pause,
     "full disk": _full_disk,
     "switches jump": _jump,
     "bump trolley": _bump,

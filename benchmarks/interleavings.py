@@ -10,6 +10,7 @@ import math
 import shutil
 import tempfile
 from collections import Counter
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -18,14 +19,30 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition,
 
 from benchmarks.interleaving_plans import PLANS
 from benchmarks.virtual_checks import Injected, violations
-from benchmarks.virtual_devices import VirtualRadar, VirtualSwitches, VirtualTrolley
-from benchmarks.virtual_optics import VirtualCamera, VirtualPolarizer
 from benchmarks.virtual_run import VirtualRun
 from drivers.records import Channel
 from polfuse_lab.plans.files import parse_plan
 
 MEMORY = "/dev/shm"
 KINDS = ("radar", "switches", "trolley", "camera", "polarizer", "source_polarizer")
+Fault = tuple[str, Sequence[Any], Callable[[Any, Any], None]]
+FAULTS: dict[str, Fault] = {
+    "lose audio": ("radar", (1, 50, 100), lambda radar, frames: setattr(radar, "lose", frames)),
+    "overflow": ("radar", (True,), lambda radar, flag: setattr(radar, "overflow", flag)),
+    "switches jump": (
+        "switches",
+        [(channel, delay_s) for channel in Channel for delay_s in (0.0, 0.01, 0.05)],
+        lambda switches, how: switches.jump(*how),
+    ),
+    "switches stick": ("switches", (True, False), lambda switches, stuck: setattr(switches, "stuck", stuck)),
+    "bump trolley": ("trolley", (-0.05, 0.003, 0.02), lambda trolley, by_m: trolley.bump(by_m)),
+    "incomplete frame": ("camera", (True,), lambda camera, flag: setattr(camera, "incomplete", flag)),
+    **{
+        f"twist {kind}": (kind, (-20.0, 1.0, 5.0), lambda polarizer, by_deg: polarizer.twist(math.radians(by_deg)))
+        for kind in ("polarizer", "source_polarizer")
+    },
+}
+"""Faults by name: of which device, how much, and how it is done."""
 seen: Counter[tuple[str, str, str]] = Counter()
 """How often each action was taken in each kind of step of each plan."""
 
@@ -116,18 +133,22 @@ class Interleavings(RuleBasedStateMachine):
     # -- the user -----------------------------------------------------------------------------------------------------
 
     @precondition(alive)
-    @rule()
-    def pause(self) -> None:
-        """Pause."""
-        self._did("pause")
-        self.here.control.pause()
-
-    @precondition(alive)
-    @rule()
-    def resume(self) -> None:
-        """Resume."""
-        self._did("resume")
-        self.here.control.resume()
+    @rule(action=st.sampled_from(("pause", "resume", "note", "answer")), number=st.integers(0, 999))
+    def user(self, action: str, number: int) -> None:
+        """Pause, resume, make a note, or confirm what is asked."""
+        run = self.here
+        if action == "note":
+            # A run that has nothing to write to, or is closing it, takes no notes.
+            if not run.recorder.begun or run.recorder.failure or run.scheduler.status().state == "stopping":
+                return
+            self.injected.notes.append(f"note {number}")
+        self._did(action)
+        {
+            "pause": run.control.pause,
+            "resume": run.control.resume,
+            "note": lambda: run.scheduler.note(f"note {number}"),
+            "answer": run.answer_prompts,
+        }[action]()
 
     @precondition(lambda self: self.alive() and self.injected.abort_ns is None)
     @rule(sure=st.integers(0, 3))
@@ -139,23 +160,6 @@ class Interleavings(RuleBasedStateMachine):
         self.injected.abort_ns = self.here.clock.now_ns
         self.here.abort()
         self.here.finish()
-
-    @precondition(lambda self: self.alive() and self.here.recorder.begun and not self.here.recorder.failure)
-    @rule(number=st.integers(0, 999))
-    def note(self, number: int) -> None:
-        """Make a note."""
-        if self.here.scheduler.status().state == "stopping":
-            return
-        self._did("note")
-        self.injected.notes.append(f"note {number}")
-        self.here.scheduler.note(f"note {number}")
-
-    @precondition(alive)
-    @rule()
-    def answer(self) -> None:
-        """Confirm what is asked."""
-        if self.here.answer_prompts():
-            self._did("answer")
 
     # -- devices ------------------------------------------------------------------------------------------------------
 
@@ -170,15 +174,15 @@ class Interleavings(RuleBasedStateMachine):
             if for_ever:
                 self.gone.add(kind)
 
-    @precondition(alive)
-    @rule(kind=st.sampled_from(KINDS))
-    def plug_in(self, kind: str) -> None:
-        """Put it back."""
-        device = self.here.devices.get(kind)
-        if device is not None and not device.plugged:
-            self._did(f"plug in {kind}")
-            device.plugged = True
-            self.gone.discard(kind)
+    @precondition(lambda self: self.alive() and any(not device.plugged for device in self.here.devices.values()))
+    @rule()
+    def plug_in(self) -> None:
+        """Put all cables back."""
+        for kind, device in self.here.devices.items():
+            if not device.plugged:
+                self._did(f"plug in {kind}")
+                device.plugged = True
+        self.gone.clear()
 
     @precondition(alive)
     @rule(kind=st.sampled_from(KINDS), seconds=st.sampled_from((0.2, 1.0, 2.5, 10.0)))
@@ -189,82 +193,27 @@ class Interleavings(RuleBasedStateMachine):
             self._did(f"hang {kind}")
             device.hang_s = seconds
 
-    def _device(self, kind: str) -> Any:
-        return self.here.devices.get(kind)
-
     @precondition(alive)
-    @rule(frames=st.integers(1, 100))
-    def lose_audio(self, frames: int) -> None:
-        """Lose audio in the next record."""
-        radar: VirtualRadar = self._device("radar")
-        self._did("lose audio")
-        radar.lose = frames
-
-    @precondition(alive)
-    @rule()
-    def overflow(self) -> None:
-        """Raise the overflow flag in the next record."""
-        radar: VirtualRadar = self._device("radar")
-        self._did("overflow")
-        radar.overflow = True
-
-    @precondition(alive)
-    @rule(channel=st.sampled_from(Channel), delay_s=st.sampled_from((0.0, 0.01, 0.05)))
-    def jump(self, channel: Channel, delay_s: float) -> None:
-        """Let the switches jump."""
-        switches: VirtualSwitches = self._device("switches")
-        self._did("switches jump")
-        switches.jump(channel, delay_s)
-
-    @precondition(alive)
-    @rule(stuck=st.booleans())
-    def stick(self, stuck: bool) -> None:
-        """Let the switches stick, or come loose."""
-        switches: VirtualSwitches = self._device("switches")
-        self._did("switches stick")
-        switches.stuck = stuck
-
-    @precondition(alive)
-    @rule(by_m=st.sampled_from((-0.05, 0.003, 0.02)))
-    def bump(self, by_m: float) -> None:
-        """Push the trolley."""
-        trolley: VirtualTrolley = self._device("trolley")
-        self._did("bump trolley")
-        trolley.bump(by_m)
-
-    @precondition(alive)
-    @rule(kind=st.sampled_from(("polarizer", "source_polarizer")), by_deg=st.sampled_from((-20.0, 1.0, 5.0)))
-    def twist(self, kind: str, by_deg: float) -> None:
-        """Turn a polarizer by hand."""
-        polarizer: VirtualPolarizer | None = self._device(kind)
-        if polarizer is not None:
-            self._did(f"twist {kind}")
-            polarizer.twist(math.radians(by_deg))
-
-    @precondition(alive)
-    @rule()
-    def incomplete(self) -> None:
-        """Let the next frame be incomplete."""
-        camera: VirtualCamera | None = self._device("camera")
-        if camera is not None:
-            self._did("incomplete frame")
-            camera.incomplete = True
+    @rule(fault=st.sampled_from(sorted(FAULTS)), data=st.data())
+    def fault(self, fault: str, data: st.DataObject) -> None:
+        """Something that a device does, or that is done to it."""
+        kind, amounts, act = FAULTS[fault]
+        device = self.here.devices.get(kind)
+        if device is not None:
+            self._did(fault)
+            act(device, data.draw(st.sampled_from(amounts)))
 
     # -- the disk -----------------------------------------------------------------------------------------------------
 
     @precondition(alive)
-    @rule(seconds=st.sampled_from((0.001, 0.1, 2.0)))
-    def slow_disk(self, seconds: float) -> None:
-        """Let flushes take long."""
-        self._did("slow disk")
-        self.here.recorder.flush_s = seconds
-
-    @precondition(alive)
-    @rule(seconds=st.sampled_from((0.01, 0.2, 1.5)))
-    def full_queue(self, seconds: float) -> None:
-        """Let the writer's queue be full for a while."""
-        self._did("full queue")
-        self.here.recorder.full_until_ns = self.here.clock.now_ns + round(seconds * 1e9)
+    @rule(action=st.sampled_from(("slow disk", "full queue")), seconds=st.sampled_from((0.001, 0.1, 2.0)))
+    def disk(self, action: str, seconds: float) -> None:
+        """Let flushes take long, or the writer's queue be full for a while."""
+        self._did(action)
+        if action == "slow disk":
+            self.here.recorder.flush_s = seconds
+        else:
+            self.here.recorder.full_until_ns = self.here.clock.now_ns + round(seconds * 1e9)
 
     @precondition(lambda self: self.alive() and self.here.recorder.begun)
     @rule(sure=st.integers(0, 9))

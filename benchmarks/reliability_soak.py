@@ -14,11 +14,14 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
+from benchmarks import soak_wires
+from benchmarks.full_rate import RATE_HZ
 from benchmarks.memory_watch import MemoryWatch, Trend, trend
 from benchmarks.rows import Row
 from benchmarks.soak_accelerated import Account, soak
 
 ACCELERATED_S, QUICK_ACCELERATED_S = 4 * 3600.0, 15.0
+WIRES_S, QUICK_WIRES_S, WIRES_SESSION_S = 1200.0, 10.0, 60.0
 POSITIONS, QUICK_POSITIONS = 12, 1
 """Of a session, 20 s each at full rate; two sessions of 12 take up to 4 GB."""
 GROWTH_LIMIT_BYTES = 16e6
@@ -28,7 +31,8 @@ SKIP_S, BLOCK_S = 10.0, 10.0
 
 def run(quick: bool) -> list[Row]:
     """Four hours, or a quarter of a minute when quick."""
-    return accelerated(QUICK_ACCELERATED_S if quick else ACCELERATED_S, quick=quick)
+    rows = accelerated(QUICK_ACCELERATED_S if quick else ACCELERATED_S, quick=quick)
+    return rows + wires(QUICK_WIRES_S if quick else WIRES_S, quick=quick)
 
 
 def accelerated(simulated_s: float, *, quick: bool = False, state: Path | None = None) -> list[Row]:
@@ -46,12 +50,30 @@ def accelerated(simulated_s: float, *, quick: bool = False, state: Path | None =
         return rows + list(_memory_rows("reliability.soak.memory", watch, ("engine", "writer", "checker"), quick=quick))
 
 
+def wires(seconds: float, *, quick: bool = False) -> list[Row]:
+    """The soak in real time over the wires."""
+    with _folder() as folder, MemoryWatch() as watch:
+        watch.watch("engine", os.getpid())
+        found = soak_wires.soak(Path(folder), seconds, WIRES_SESSION_S, watch)
+        words = (
+            f"{found.seconds / 60:.1f} min, {found.sessions} sessions: {found.samples_lost} of"
+            f" {found.samples} frames of audio lost, {found.frames_lost} of {found.frames} of the camera"
+            f" ({found.camera}); longest poll {found.longest_poll_s * 1e3:.0f} ms, queue full {found.full} times,"
+            f" load {os.getloadavg()[0]:.1f}"
+        )
+        ok = found.sound and found.samples > 0.8 * found.seconds * RATE_HZ
+        error = "; ".join(found.problems[:3]) or (None if found.kept else "what was delivered is not all in the files")
+        rows = [Row("reliability.soak.wires", found.camera, None, ok, words, error=error)]
+        roles = ("engine", "writer", "camera", "checker")
+        return rows + list(_memory_rows("reliability.soak.wires.memory", watch, roles, quick=quick))
+
+
 def _accelerated_row(account: Account, simulated_s: float) -> Row:
     raw = account.raw_bytes
     words = (
         f"{account.simulated_s / 3600:.2f} h at full rate in {account.wall_s / 60:.1f} min,"
-        f" {account.sessions} sessions, {account.samples} frames of audio, {account.frames} of the camera, {raw / 1e9:.1f} GB,"
-        f" load {os.getloadavg()[0]:.1f}"
+        f" {account.sessions} sessions, {account.samples} frames of audio, {account.frames} of the camera,"
+        f" {raw / 1e9:.1f} GB, load {os.getloadavg()[0]:.1f}"
     )
     problems = "; ".join(account.problems[:3]) or None
     ok = account.sound and account.simulated_s >= simulated_s
@@ -99,7 +121,10 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, help="simulated (accelerated: 240) or real (wires: 20)")
     parser.add_argument("--state", type=Path, help="file that holds the account of an accelerated soak")
     given = parser.parse_args()
-    rows = accelerated(60 * (given.minutes or ACCELERATED_S / 60), state=given.state)
+    if given.part == "wires":
+        rows = wires(60 * (given.minutes or WIRES_S / 60))
+    else:
+        rows = accelerated(60 * (given.minutes or ACCELERATED_S / 60), state=given.state)
     for row in rows:
         print(row, flush=True)
     return 0 if all(row.ok for row in rows) else 1

@@ -119,9 +119,14 @@ def _abort(run: VirtualRun, outcome: Outcome, injected: Injected) -> Iterator[st
     if injected.abort_ns is None:
         return
     assert run.ended_ns is not None
-    took = (run.ended_ns - injected.abort_ns) * 1e-9
+    # The last records wait for room in the writer's queue, with the devices safe.
+    ended_ns = max([change.now_ns for change in run.changes if change.state == "stopping"], default=run.ended_ns)
+    took = (ended_ns - injected.abort_ns) * 1e-9
     if took > ABORT_S:
         yield f"the abort took {took:.2f} s ({outcome.state}: {outcome.reason})"
+    late = run.ended_ns - max(ended_ns, injected.abort_ns, run.recorder.full_until_ns)
+    if late * 1e-9 > ABORT_S:
+        yield f"the file was closed {late * 1e-9:.2f} s after the abort"
     if run.abort_real_s is not None and run.abort_real_s > ABORT_REAL_S:
         yield f"the abort took {run.abort_real_s:.1f} s of real time"
     before = any(change.state == "stopping" and change.now_ns <= injected.abort_ns for change in run.changes)
