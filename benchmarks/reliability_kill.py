@@ -41,10 +41,8 @@ QUICK = (
     Case(6, "writer", "preparing"),
     Case(7, "camera", "optics"),
     Case(8, "recover", "recording"),
-    Case(9, "engine", "starting"),
-    Case(10, "guard", "any"),
-    Case(11, "engine", "optics", "term"),
-    Case(12, "writer", "moving", "stop"),
+    Case(9, "engine", "optics", "term"),
+    Case(10, "writer", "moving", "stop"),
 )
 
 
