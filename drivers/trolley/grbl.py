@@ -112,9 +112,7 @@ class GrblTrolley:
     def start_move(self, x_m: float, speed_m_s: float | None = None) -> None:
         """Begin to move to ``x_m`` (with ``home_first``, begin to home where that is still to be done, then move).
 
-        Args:
-            x_m: where to, m.
-            speed_m_s: constant speed between the ramps, m/s; ``feed_m_s`` if left out.
+        ``speed_m_s`` is the constant speed between the ramps; ``feed_m_s`` if left out.
 
         Raises:
             DeviceRefused: outside the limits (also of speed), in alarm, or the controller refused the line.
@@ -130,11 +128,8 @@ class GrblTrolley:
                 self._go(f"G21 G90 G53 G1 {self._options.axis}", x_m, speed_m_s or self._feed_m_s)
 
     def start_jog(self, x_m: float, speed_m_s: float | None = None) -> None:
-        """Begin to move by hand control: as :meth:`start_move`, at a speed of its own; end it with :meth:`stop`.
-
-        Args:
-            x_m: where the jog ends if nobody stops it (for a jog key: the rail's end), m.
-            speed_m_s: speed, m/s; the moves' own if left out.
+        """Begin to move by hand control: as :meth:`start_move`, to ``x_m`` unless :meth:`stop` ends it (for a jog key:
+        the rail's end).
 
         Raises:
             DeviceRefused: outside the limits, in alarm, homing, or the controller refused the line.
@@ -239,8 +234,6 @@ class GrblTrolley:
             self._move.end()
             self._fix = self._alarm = self._after_homing_m = None
             self._stopping = self._homing = False
-
-    # How the conversation goes
 
     def _open(self) -> Identity:
         line, options = self._line, self._options
@@ -368,8 +361,6 @@ class GrblTrolley:
             raise self._line.refused(
                 f"{speed_m_s:g} m/s is not within its limit of {self._limit_m_s:g} m/s ($110)", "plan a lower speed"
             )
-
-    # What the answers mean
 
     def _x_m(self, report: Report) -> float:
         axis = AXES.index(self._options.axis)

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from serial_helpers import Script, both_kinds, until_still, wait_for
+from speed_checks import check_speeds
 
 from drivers.contracts import Trolley
 from drivers.errors import DeviceBadAnswer, DeviceLost, DeviceRefused, DeviceTimeout
@@ -313,3 +314,16 @@ def test_the_simulated_stage_follows_the_protocol() -> None:
     assert stage.handle(b"/\n").startswith(b"@01 0 OK IDLE -- 0")
     assert world.trolley_x_m.at() == -1.0
     assert stage.handle(b"/1 1 warnings clear\n").startswith(b"@01 1 OK IDLE -- 00")
+
+
+@needs_package
+@pytest.mark.realtime
+def test_it_keeps_a_given_speed() -> None:
+    world = World()
+    with start_zaber(world, length_m=2.0, speed_m_s=1.0, homed=True) as wire:
+        trolley = driver(wire.url)
+        trolley.open()
+        try:
+            check_speeds(trolley, world)
+        finally:
+            trolley.close()
