@@ -256,6 +256,8 @@ class Camera(Base):
         self.number += 1
 
     def poll(self):
+        if self.o.fault == "slow":
+            return None
         incomplete = self.o.fault == "incomplete" and self.number == 2
         image = np.full(self.shape, self.number, np.uint16)
         return Frame(image, self.number, 0.01, 0.0, time.monotonic(), time.monotonic_ns(), incomplete)

@@ -358,3 +358,43 @@ def test_lost_audio_in_records_of_custom_steps_is_taken_again(bench):
         assert session.sweeps["position"].tolist() == [0, 1, 1]
         assert session.sweeps["flags"].tolist() == [0, int(SweepFlag.LOST), int(SweepFlag.RETRY)]
     same(bench)
+
+
+@pytest.mark.parametrize("state", ["saving", "turning", "exposing", "recording seconds"])
+def test_abort_within_a_second_from_the_states_that_wait(bench, monkeypatch, state):
+    """Beside those of moves, records and pauses (test_steering) and of passes (test_passes)."""
+    from polfuse_lab.engine.recorder import WriterProcess
+
+    if state == "recording seconds":
+        custom(bench, SelectChannel(Channel.HH), RecordSeconds(60.0, 0, Channel.HH), Checkpoint(0))
+    else:
+        bench.write(aperture=0.5, optics=state != "saving", camera={"fault": "slow"} if state == "exposing" else {})
+    if state == "saving":
+        monkeypatch.setattr(WriterProcess, "flushed", lambda self, ticket: False)
+    elif state == "turning":
+        poll = fake_devices.Polarizer.poll
+        monkeypatch.setattr(
+            fake_devices.Polarizer,
+            "poll",
+            lambda self: type(fix := poll(self))(fix.angle_rad, 0.0, True, fix.t_host_ns),
+        )
+    words = {"saving": "saving", "turning": "turning", "exposing": "taking", "recording seconds": "recording"}[state]
+    scheduler = bench.scheduler()
+    outcomes = []
+    thread = threading.Thread(target=lambda: outcomes.append(scheduler.run()))
+    thread.start()
+    end = time.monotonic() + 30
+    # The first checkpoint's flush is waited for at the second one.
+    done = 1 if state == "saving" else 0
+    while not (words in scheduler.status().reason and scheduler.status().position >= done):
+        assert time.monotonic() < end, scheduler.status()
+        time.sleep(0.005)
+    time.sleep(0.3)
+    assert not outcomes
+    asked = time.monotonic_ns()
+    scheduler.control.abort("rain")
+    thread.join(30)
+    assert (outcomes[0].state, outcomes[0].reason) == ("aborted", "rain")
+    safe = {what.split()[0]: t for t, what in bench.events() if what.endswith("safe")}
+    assert {"radar", "switches", "trolley"} <= set(safe)
+    assert max(safe.values()) - asked < 1e9
