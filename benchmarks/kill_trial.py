@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from benchmarks.collect_stand import AIMS, GONE_S, CollectStand, trial_folder, until
+from benchmarks.collect_stand import AIMS, GONE_S, LIMIT_S, CollectStand, trial_folder, until
 from benchmarks.kill_check import compare
 from benchmarks.kill_plugin import EARLY_ANSWERS
 from benchmarks.kill_processes import find, gone
@@ -111,18 +111,23 @@ class _Blow:
 
     def _aim(self) -> None:
         case, end = self.case, 0.0
+        role = "writer" if case.process == "recover" else case.process
+        pid: int | None = None
         if case.phase == "starting":
             time.sleep(self.chance.uniform(0.0, 1.5))
         else:
             _, times, spread_s = AIMS[case.phase]
+            if case.phase not in ("preparing", "any"):
+                # Looked for in time: some phases are over within milliseconds.
+                self.stand.log.wait_for(lambda line: line.kind == "created", 1, LIMIT_S)
+                pid = find(self.stand.folder, role)
             self.stand.wait_for_phase(case.phase, self.chance.randint(1, times))
             end = time.monotonic() + self.chance.uniform(0.0, spread_s)
-        role = "writer" if case.process == "recover" else case.process
         give_up = time.monotonic() + 10.0
-        while (pid := find(self.stand.folder, role)) is None:
-            if time.monotonic() > give_up or self.stand.ended.is_set():
+        while pid is None:
+            pid = find(self.stand.folder, role)
+            if pid is None and (time.monotonic() > give_up or self.stand.ended.is_set()):
                 return
-            time.sleep(0.002)
         time.sleep(max(end - time.monotonic(), 0.0))
         blow = {"kill": signal.SIGKILL, "term": signal.SIGTERM, "stop": signal.SIGSTOP}[case.blow]
         with contextlib.suppress(ProcessLookupError):

@@ -22,6 +22,9 @@ from polfuse_lab.session.space import ballast_path, in_use, require_free
 STALL_S = 60.0
 """Longest that reading one record may take; what is left by a crash can make HDF5 search for ever."""
 
+EXPECTED = (OSError, RuntimeError, KeyError, ValueError, TypeError)
+"""What HDF5's reader raises for damaged files, besides our own errors; told as one sentence."""
+
 
 @dataclass(frozen=True)
 class RecoverResult:
@@ -100,7 +103,7 @@ def _work(partial: Path, out: Path, sender: Any) -> None:
         sender.send(("done", result.recovered_records, result.lost_records, result.session))
     except PolfuseError as error:
         sender.send(("error", error.what, error.where, error.advice))
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+    except EXPECTED as error:
         sender.send(("error", f"cannot be recovered ({error})", str(partial), "use another copy"))
 
 
