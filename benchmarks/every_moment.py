@@ -36,7 +36,7 @@ def _pause_and_abort(run: VirtualRun, injected: Injected) -> None:
 
 
 def _note(run: VirtualRun, injected: Injected) -> None:
-    if run.recorder.begun and run.scheduler.status().state != "stopping":
+    if run.recorder.begun and not run.closing:
         injected.notes.append("here")
         run.scheduler.note("here")
 
@@ -52,7 +52,7 @@ def _slow_disk_and_pause(run: VirtualRun, injected: Injected) -> None:
 
 
 def _full_disk(run: VirtualRun, injected: Injected) -> None:
-    if run.recorder.begun and run.scheduler.status().state != "stopping":
+    if run.recorder.begun and not run.closing:
         injected.disk_failed = True
         run.recorder.fail()
 

@@ -25,6 +25,8 @@ from polfuse_lab.plans.files import parse_plan
 
 MEMORY = "/dev/shm"
 KINDS = ("radar", "switches", "trolley", "camera", "polarizer", "source_polarizer")
+SELDOM = st.integers(0, 15).map(lambda number: number == 11)
+"""True once in a while; small and extreme numbers are drawn more often than others."""
 Fault = tuple[str, Sequence[Any], Callable[[Any, Any], None]]
 FAULTS: dict[str, Fault] = {
     "lose audio": ("radar", (1, 50, 100), lambda radar, frames: setattr(radar, "lose", frames)),
@@ -69,9 +71,10 @@ class Interleavings(RuleBasedStateMachine):
 
     @initialize(data=st.data())
     def begin(self, data: st.DataObject) -> None:
-        """A plan of any kind."""
+        """A plan of any kind, at any moment."""
         self.plan = data.draw(st.sampled_from(sorted(self.plans)), label="plan")
         self.run = VirtualRun(parse_plan(self.plans[self.plan], self.plan), self.folder / "s.h5")
+        self.run.go_points(data.draw(st.integers(1, 300), label="moment"))
 
     def teardown(self) -> None:
         """Let the run come to its end and look at everything."""
@@ -139,7 +142,7 @@ class Interleavings(RuleBasedStateMachine):
         run = self.here
         if action == "note":
             # A run that has nothing to write to, or is closing it, takes no notes.
-            if not run.recorder.begun or run.recorder.failure or run.scheduler.status().state == "stopping":
+            if not run.recorder.begun or run.recorder.failure or run.closing:
                 return
             self.injected.notes.append(f"note {number}")
         self._did(action)
@@ -151,10 +154,10 @@ class Interleavings(RuleBasedStateMachine):
         }[action]()
 
     @precondition(lambda self: self.alive() and self.injected.abort_ns is None)
-    @rule(sure=st.integers(0, 3))
-    def abort(self, sure: int) -> None:
+    @rule(sure=SELDOM)
+    def abort(self, sure: bool) -> None:
         """Abort; not as often as the rest, since it ends all."""
-        if sure:
+        if not sure:
             return
         self._did("abort")
         self.injected.abort_ns = self.here.clock.now_ns
@@ -164,7 +167,7 @@ class Interleavings(RuleBasedStateMachine):
     # -- devices ------------------------------------------------------------------------------------------------------
 
     @precondition(alive)
-    @rule(kind=st.sampled_from(KINDS), for_ever=st.integers(0, 9).map(lambda n: n == 0))
+    @rule(kind=st.sampled_from(KINDS), for_ever=SELDOM)
     def unplug(self, kind: str, for_ever: bool) -> None:
         """Pull a cable."""
         device = self.here.devices.get(kind)
@@ -216,10 +219,10 @@ class Interleavings(RuleBasedStateMachine):
             self.here.recorder.full_until_ns = self.here.clock.now_ns + round(seconds * 1e9)
 
     @precondition(lambda self: self.alive() and self.here.recorder.begun)
-    @rule(sure=st.integers(0, 9))
-    def full_disk(self, sure: int) -> None:
+    @rule(sure=SELDOM)
+    def full_disk(self, sure: bool) -> None:
         """Let the disk be full; seldom, since it ends all."""
-        if sure or self.here.scheduler.status().state == "stopping":
+        if not sure or self.here.closing:
             return
         self._did("full disk")
         self.injected.disk_failed = True

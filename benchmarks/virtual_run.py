@@ -155,6 +155,11 @@ class VirtualRun:
         return str(status.state)
 
     @property
+    def closing(self) -> bool:
+        """Whether the session is being closed, or has been."""
+        return self.scheduler.status().state in (RunState.STOPPING, RunState.FINISHED)
+
+    @property
     def ended(self) -> bool:
         """Whether the run has ended."""
         return self.outcome is not None
