@@ -11,11 +11,11 @@ from drivers.errors import DeviceError, DeviceRefused
 from drivers.records import AudioBlock, SwitchState, TrolleyFix
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.plans.steps import PASS_POSITIONS, MoveTo, RecordPass
-from polfuse_lab.records import SweepFlag
+from polfuse_lab.records import SUPERSEDED, SweepFlag
 from polfuse_lab.scheduler.context import Context
 from polfuse_lab.scheduler.control import Aborted
 from polfuse_lab.scheduler.motion import MOVE_SLACK_S, Motion
-from polfuse_lab.scheduler.recording import AUDIO_SLACK_S, BAD, MOVED_M, Recording, switch_flags
+from polfuse_lab.scheduler.recording import AUDIO_SLACK_S, MOVED_M, Recording, switch_flags
 from polfuse_lab.scheduler.watch import Seen
 
 STOP_S = 10.0
@@ -131,7 +131,7 @@ class Passes:
             recording.keep(block, position, step.channel, _place(block, fixes), block_flags)
             self._motion.fix = fixes[-1]
             self._refuse_unmeasured(fixes)
-            bad |= block_flags & BAD
+            bad |= block_flags & SUPERSEDED
             lost += block.lost_frames
             if _arrived(step, seen):
                 return bad, lost

@@ -10,7 +10,7 @@ from drivers.records import AudioBlock, Channel, SwitchState, TrolleyFix
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.plans.dry_run import record_frames
 from polfuse_lab.plans.steps import RecordSeconds, RecordSweeps
-from polfuse_lab.records import SweepFlag, Sweeps
+from polfuse_lab.records import SUPERSEDED, SweepFlag, Sweeps
 from polfuse_lab.scheduler.context import Context
 from polfuse_lab.scheduler.control import Aborted
 from polfuse_lab.scheduler.motion import Motion
@@ -20,8 +20,6 @@ AUDIO_SLACK_S = 10.0
 """A record may take so much longer than its length before it is given up; drivers notice a stall much earlier."""
 MOVED_M = 0.001
 """A trolley that was seen so far from where it stood has moved: 1/32 of a wavelength at 9.6 GHz, 1/125 at 2.4 GHz."""
-
-BAD = SweepFlag.LOST | SweepFlag.SWITCH_CHANGED | SweepFlag.MOVED
 
 
 class Recording:
@@ -93,7 +91,7 @@ class Recording:
                 raise
             flags |= switch_flags([before, *seen, after]) | moved_flag(fix, seen) | self.audio_flags(block)
             self.keep(block, position, channel, fix, flags, sweeps)
-            if not flags & BAD:
+            if not flags & SUPERSEDED:
                 return
             what = self.complaint(flags, block.lost_frames)
             if retry < context.plan.retries:
