@@ -10,6 +10,7 @@ import h5py
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.session.naming import partial_path
+from polfuse_lab.session.unflagged import Unflagged
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 # HDF5 superblock, versions 2 and 3: signature, version, sizes of offsets and lengths, flags, base address, address of
@@ -17,8 +18,12 @@ _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _SUPERBLOCK = struct.Struct("<8sBBBBQQQ")
 
 
-def open_file(path: Path) -> h5py.File:
+def open_file(path: Path, *, left_behind: bool = False) -> h5py.File:
     """Open a file for reading, also while it is written.
+
+    Args:
+        path: the file.
+        left_behind: nobody writes it any more; damaged blocks are not waited for then.
 
     Raises:
         PolfuseError: there is no such file, it may not be read, it is cut short or not HDF5.
@@ -40,6 +45,8 @@ def open_file(path: Path) -> h5py.File:
     except (OSError, RuntimeError):
         # A file that is being written, or was left by a killed writer, carries a flag that only SWMR readers accept.
         try:
+            if left_behind:
+                return h5py.File(Unflagged(path), "r")
             return h5py.File(path, "r", swmr=True, locking="best-effort")
         except (OSError, RuntimeError) as error:
             raise damaged(path, error) from error

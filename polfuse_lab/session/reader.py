@@ -40,14 +40,18 @@ if TYPE_CHECKING:
 Table = NDArray[np.void]
 
 
-def open_session(path: Path | str) -> Session:
+def open_session(path: Path | str, *, left_behind: bool = False) -> Session:
     """Open a session for reading.
+
+    Args:
+        path: the file, finished or ``.partial``.
+        left_behind: nobody writes it any more (see :mod:`polfuse_lab.session.unflagged`).
 
     Raises:
         PolfuseError: there is no such file, it is not a session, it is of a newer version, or it is damaged.
     """
     path = Path(path)
-    file = open_file(path)
+    file = open_file(path, left_behind=left_behind)
     try:
         schema = file.attrs.get("schema")
         version = int(file.attrs.get("version", 0))

@@ -117,7 +117,10 @@ def copy_whole_records(partial: Path, out: Path, on_record: Callable[[], None] =
     unfinished = _unfinished(out)
     unfinished.unlink(missing_ok=True)
     try:
-        with open_session(partial) as session, h5py.File(unfinished, "x", libver=("v110", "v110")) as file:
+        with (
+            open_session(partial, left_behind=True) as session,
+            h5py.File(unfinished, "x", libver=("v110", "v110")) as file,
+        ):
             source = session._file
             copy = SessionCopy(file, bytes(source["config"][:]), session, session if "images" in source else None)
             copy.append(session, on_record=on_record)
