@@ -2,58 +2,29 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.records import Channel
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.passes import pass_profiles
-from polfuse_lab.products.record_sync import find_record_sync
-from polfuse_lab.products.visits import average_visits, visits
-from polfuse_lab.records import SUPERSEDED
+from polfuse_lab.products.standing import StandingRecords
 from polfuse_lab.session import Session, open_session
 from polfuse_lab.session.runs import gapless_runs
-from processing.errors import DataError
 from processing.radar.profiles import RangeProfiles
 from processing.radar.ranging import (
     above_noise,
-    average,
-    compress,
-    cut_sweeps,
-    noise_of_average,
     range_axis,
     remove_coupling,
 )
-from processing.radar.sync import Sync
 
 Coupling = Literal["none", "mean", "reference"]
 
-UNUSABLE = SUPERSEDED
-"""Records with one of these flags are not used: samples are missing, or channel or place changed while recording."""
-
-_log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Record:
-    """One usable audio record with its sync measured."""
-
-    index: int
-    """Row of ``session.sweeps``."""
-    channel: Channel
-    position: int
-    x_m: float
-    t_host_ns: int
-    samples: NDArray[np.generic]
-    sync: Sync
-    sweeps: int
-    """How many of its whole up-ramps are used."""
+BLOCK = 64
+"""Positions whose profiles are in memory in float64 at a time."""
 
 
 def range_profiles(
@@ -103,128 +74,95 @@ def range_profiles(
                 reference=reference,
                 positions=positions,
             )
-    waveform = session.waveform
-    axis = range_axis(waveform.bandwidth_hz, max_range_m, oversampling)
-    if positions is None and gapless_runs(session):
-        passes = pass_profiles(session, axis, window)
-        values, noise, antenna, channels = passes.values, passes.noise, passes.antenna_m, passes.channels
-    else:
-        values, noise, antenna, channels = _standing_profiles(session, axis, window, positions)
-    result = RangeProfiles(
-        values=values.astype(np.complex64),
-        range_m=axis,
-        antenna_m=antenna,
-        channels=tuple(channel.name for channel in channels),
-        centre_hz=waveform.centre_hz,
-        bandwidth_hz=waveform.bandwidth_hz,
+    source = ProfileSource(
+        session,
         window=window,
+        max_range_m=max_range_m,
+        oversampling=oversampling,
         range_compensated=range_compensated,
-        noise=noise,
+        coupling=coupling,
+        reference=reference,
+        positions=positions,
     )
-    if coupling != "none":
-        values = _without_coupling(values, result, coupling, reference, str(session.path))
-    if range_compensated:
-        values = values * axis**2
-    return replace(result, values=values.astype(np.complex64))
+    count = len(source.antenna_m)
+    values = np.empty((len(source.channels), count, len(source.range_m)), dtype=np.complex64)
+    noise = np.empty(values.shape[:2])
+    step = count if coupling == "mean" else BLOCK
+    for first in range(0, count, step):
+        some = range(first, min(first + step, count))
+        values[:, first : some.stop], noise[:, first : some.stop] = source.profiles(some)
+    return source.described(values, noise)
 
 
-def _standing_profiles(
-    session: Session, axis: NDArray[np.float64], window: str, positions: Collection[int] | None
-) -> tuple[NDArray[np.complex128], NDArray[np.float64], NDArray[np.float64], tuple[Channel, ...]]:
-    """Values, noise, antenna places and channels of records taken with the trolley at a stand."""
-    waveform = session.waveform
-    records = usable_records(session, positions=positions)
-    channels = sorted({record.channel for record in records})
-    numbers = sorted({record.position for record in records})
-    ramp = session_ramp_samples(records)
-    values = np.full((len(channels), len(numbers), len(axis)), np.nan + 1j * np.nan, dtype=np.complex128)
-    noise = np.full(values.shape[:2], np.nan)
-    for record in records:
-        profiles = compress(
-            cut_sweeps(record.samples, record.sync, count=record.sweeps, ramp_samples=ramp),
-            axis,
-            centre_hz=waveform.centre_hz,
-            bandwidth_hz=waveform.bandwidth_hz,
-            window=window,
-            range_offset_m=0.0 if session.rig is None else session.rig.geometry.range_offset_m,
-        )
-        place = channels.index(record.channel), numbers.index(record.position)
-        values[place], noise[place] = average(profiles), noise_of_average(profiles)
-    visited = visits(session)
-    found = average_visits(values, noise, _antenna(records, numbers), [visited.get(number) for number in numbers])
-    return *found, tuple(channels)
+class ProfileSource:
+    """The range profiles of a session, some positions at a time: what does not fit in memory need not be there.
 
-
-def usable_records(
-    session: Session, *, latest_only: bool = True, positions: Collection[int] | None = None
-) -> list[Record]:
-    """Audio records that can be used, in the order of the file, each with its sync.
-
-    Records whose sync cannot be found are left out and named in the log.
+    Arguments and errors as in :func:`range_profiles`; the mean over positions is no coupling that can be taken off
+    some positions at a time, so ``coupling="mean"`` asks for all of them at once.
 
     Args:
-        session: an open session.
-        latest_only: of several attempts at one position and channel take the last one only.
-        positions: numbers of the positions to take; all where left out.
-
-    Raises:
-        PolfuseError: there is none; the reason of the last one refused is given.
+        keep_samples: whether the records' samples stay in memory; else they are read again for their profiles.
     """
-    rows = session.sweeps
-    usable = [index for index, row in enumerate(rows) if not int(row["flags"]) & UNUSABLE and row["samples"]]
-    if positions is not None:
-        usable = [index for index in usable if int(rows[index]["position"]) in positions]
-    if latest_only:
-        latest: dict[tuple[int, int], int] = {}
-        for index in usable:
-            key = int(rows[index]["channel"]), int(rows[index]["position"])
-            if key not in latest or rows[index]["attempt"] >= rows[latest[key]]["attempt"]:
-                latest[key] = index
-        usable = sorted(latest.values())
-    records: list[Record] = []
-    refused: DataError | None = None
-    for index in usable:
-        row = rows[index]
-        channel = Channel(int(row["channel"]))
-        samples = session.audio(index)
-        try:
-            sync = find_record_sync(session, samples)
-        except DataError as error:
-            _log.warning("record %d (%s at position %d): %s", index, channel.name, row["position"], error)
-            refused = error
-            continue
-        wanted = int(row["sweeps_requested"])
-        sweeps = min(wanted, len(sync.starts)) if wanted > 0 else len(sync.starts)
-        records.append(
-            Record(
-                index=index,
-                channel=channel,
-                position=int(row["position"]),
-                x_m=float(row["x_m"]),
-                t_host_ns=int(row["t_host_ns"]),
-                samples=samples,
-                sync=sync,
-                sweeps=sweeps,
-            )
+
+    def __init__(
+        self,
+        session: Session,
+        *,
+        window: str = "hann",
+        max_range_m: float = 100.0,
+        oversampling: int = 8,
+        range_compensated: bool = True,
+        coupling: Coupling = "none",
+        reference: RangeProfiles | None = None,
+        positions: Collection[int] | None = None,
+        keep_samples: bool = True,
+    ) -> None:
+        self._session, self._window, self._compensated = session, window, range_compensated
+        self._coupling: Coupling = coupling
+        self._reference = reference
+        self.range_m: NDArray[np.float64] = range_axis(session.waveform.bandwidth_hz, max_range_m, oversampling)
+        """(bins,) ranges of the profiles."""
+        self._passes, self._records = None, None
+        if positions is None and gapless_runs(session):
+            self._passes = pass_profiles(session, self.range_m, window)
+            self.antenna_m, channels = self._passes.antenna_m, self._passes.channels
+        else:
+            self._records = StandingRecords(session, positions, keep_samples=keep_samples)
+            self.antenna_m, channels = self._records.antenna_m, self._records.channels
+        self.channels = tuple(channel.name for channel in channels)
+
+    def profiles(self, places: Sequence[int]) -> tuple[NDArray[np.complex64], NDArray[np.float64]]:
+        """Values (channels, places, bins) and noise (channels, places) of some positions, given by their indices.
+
+        Bits do not depend on which positions are asked for together (but for the mean as coupling).
+        """
+        if self._passes is not None:
+            some = list(places)
+            values, noise = self._passes.values[:, some], self._passes.noise[:, some]
+        else:
+            assert self._records is not None
+            values, noise = self._records.profiles(places, self.range_m, self._window)
+        if self._coupling != "none":
+            outline = self.described(np.empty((0, 0, 0), dtype=np.complex64), None)
+            values = _without_coupling(values, outline, self._coupling, self._reference, str(self._session.path))
+        if self._compensated:
+            values = values * self.range_m**2
+        return values.astype(np.complex64), noise
+
+    def described(self, values: NDArray[np.complex64], noise: NDArray[np.float64] | None) -> RangeProfiles:
+        """All positions' values with what is known of them."""
+        waveform = self._session.waveform
+        return RangeProfiles(
+            values=values,
+            range_m=self.range_m,
+            antenna_m=self.antenna_m,
+            channels=self.channels,
+            centre_hz=waveform.centre_hz,
+            bandwidth_hz=waveform.bandwidth_hz,
+            window=self._window,
+            range_compensated=self._compensated,
+            noise=noise,
         )
-    if not records:
-        what = "holds no usable audio record" if refused is None else f"no audio record can be used: {refused.what}"
-        advice = "record again" if refused is None else refused.advice
-        raise PolfuseError(what, where=str(session.path), advice=advice)
-    return records
-
-
-def session_ramp_samples(records: list[Record]) -> float:
-    """Median length of the up-ramps used in a session, samples; the same in whatever order they were recorded."""
-    return float(np.median(np.concatenate([(r.sync.ends - r.sync.starts)[: r.sweeps] for r in records])))
-
-
-def _antenna(records: list[Record], positions: list[int]) -> NDArray[np.float64]:
-    """(positions, 3): the median of the records' x at each position; y = z = 0."""
-    antenna = np.zeros((len(positions), 3))
-    for row, position in enumerate(positions):
-        antenna[row, 0] = np.median([record.x_m for record in records if record.position == position])
-    return antenna
 
 
 def _without_coupling(

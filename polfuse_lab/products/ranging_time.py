@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.records import Channel
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.products.ranging import Record, usable_records
+from polfuse_lab.products.standing import Record, usable_records
 from polfuse_lab.rig import Waveform
 from polfuse_lab.session import Session, open_session
 from processing.radar.doppler import mean_range_doppler, unambiguous_speed_m_s

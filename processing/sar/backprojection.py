@@ -11,6 +11,9 @@ as in :class:`processing.radar.profiles.RangeProfiles`. Platforms that move with
 
 from __future__ import annotations
 
+import itertools
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,7 +38,8 @@ SMALL_TURNS = 4e-6
 -92 dB of a pixel at the very worst, some 20 dB less as a root mean square. Better filters set it lower."""
 
 TABLE_BYTES = 64_000_000
-"""Least size of the tables that are in memory at a time; larger ones take at most half of image and profiles."""
+"""Size of the tables that are in memory at a time, at most, unless that were less than one pulse. It sets the blocks in
+which pulses are added, and so rounding: a constant, that images formed in tiles have the bits of those in one piece."""
 
 
 def backproject(
@@ -75,6 +79,32 @@ def backproject(
     return live.finish()
 
 
+def pulses_in_block(profiles: RangeProfiles, interpolator: str = "sinc8") -> int:
+    """Pulses that :func:`backproject` adds at a time before it rounds to complex64; the same for every image.
+
+    A :class:`LiveImage` to which pulses that count are added in multiples of it, with ``track_m`` given, has the bits of
+    the image in one piece.
+
+    Raises:
+        DataError: unknown interpolator, or antenna pairs that do not fit the channels.
+    """
+    from processing.sar.segments import segment_polynomials, table_stride
+
+    powers = len(segment_polynomials(interpolator, _oversampling(profiles)))
+    members = max(len(members) for _, members in channel_groups(profiles))
+    return _block(members, table_stride(len(profiles.range_m)), powers)
+
+
+def _block(channels: int, stride: int, powers: int) -> int:
+    fitting = TABLE_BYTES // (8 * channels * stride * powers)
+    return max(fitting // 128 * 128, min(fitting, 128), 1)
+
+
+def _oversampling(profiles: RangeProfiles) -> float:
+    step = (profiles.range_m[-1] - profiles.range_m[0]) / (len(profiles.range_m) - 1)
+    return round(float(profiles.resolution_m / step), 9)
+
+
 class LiveImage:
     """An image that grows with the collect: positions are added as they come, in any order and number.
 
@@ -83,6 +113,8 @@ class LiveImage:
         interpolator: see :func:`backproject`.
         beamwidth_rad: see :func:`backproject`.
         depression_rad: see :func:`backproject`.
+        track_m: (any number, 3) the whole track, where it is known beforehand and its positions come in blocks: what
+            follows from it is then the same for every block (see :func:`pulses_in_block`).
 
     Raises:
         DataError: unusable grid or beam width, or an unknown interpolator.
@@ -95,15 +127,17 @@ class LiveImage:
         interpolator: str = "sinc8",
         beamwidth_rad: float | None = None,
         depression_rad: float = 0.0,
+        track_m: NDArray[np.float64] | None = None,
     ) -> None:
         check_grid(grid)
         check_bins(interpolator, 1 << 30)
         self.grid, self.interpolator = grid, interpolator
         self._exponent = 0.0 if beamwidth_rad is None else pattern_exponent(beamwidth_rad)
         self._axis = boresight(depression_rad)
+        self._track_m = track_m
         self._signal: tuple[object, ...] | None = None
         self._total = np.zeros((0, *grid.shape), dtype=np.complex64)
-        self._weight = np.zeros(0)
+        self._weights: list[NDArray[np.float64]] = []
         self._gains = np.zeros((0, *grid.shape), dtype=np.float32)
 
     def add(
@@ -130,17 +164,16 @@ class LiveImage:
         if self._signal is None:
             self._signal = signal
             self._total = np.zeros((channels, *self.grid.shape), dtype=np.complex64)
-            self._weight = np.zeros(channels)
             sets = 0 if not self._exponent else 1 if same else channels
             self._gains = np.zeros((sets, *self.grid.shape), dtype=np.float32)
         elif len(self._gains) == 1 and not same:
             self._gains = np.repeat(self._gains, channels, axis=0)
-        self._weight += pulses.weights.sum(axis=1)
+        self._weights.append(pulses.weights)
         if not pulses.antenna_m.size:
             return moving
-        step = profiles.resolution_m / ((profiles.range_m[-1] - profiles.range_m[0]) / (len(profiles.range_m) - 1))
-        polynomials = segment_polynomials(self.interpolator, round(float(step), 9))
-        small = min(SMALL_TURNS, 10 ** (filter_error_db(self.interpolator, round(float(step), 9)) / 20))
+        step = _oversampling(profiles)
+        polynomials = segment_polynomials(self.interpolator, step)
+        small = min(SMALL_TURNS, 10 ** (filter_error_db(self.interpolator, step) / 20))
         for pair, members in groups:
             whole = len(members) == channels
             total = self._total if whole else self._total[members]
@@ -188,10 +221,9 @@ class LiveImage:
         factors = np.ascontiguousarray(pulses.weights[members][: max(len(gains), 1)], dtype=np.float32)
         if not len(gains):
             gains = np.zeros((1, 1, 1), dtype=np.float32)
-        across = best_patch(self.grid, track, bins_per_m)
-        size = 8 * len(members) * layout.stride * len(polynomials)
-        room = max(TABLE_BYTES, (total.nbytes + pulses.values.nbytes) // 2)
-        block = max(room // size // 128 * 128, min(room // size, 128), 1)
+        seen = track[:3] if self._track_m is None else (self._track_m + np.asarray(pair.transmit_m)).T
+        across = best_patch(self.grid, seen, bins_per_m)
+        block = _block(len(members), layout.stride, len(polynomials))
         for p0 in range(0, track.shape[1], block):
             some = slice(p0, p0 + block)
             values = np.ascontiguousarray(pulses.values[members, some], dtype=np.complex64)
@@ -211,13 +243,15 @@ class LiveImage:
 
     def _normalised(self, total: NDArray[np.complex64]) -> NDArray[np.complex64]:
         for c, plane in enumerate(total):
+            # Correctly rounded, so that it does not matter in how many parts the pulses came.
+            weight = math.fsum(itertools.chain.from_iterable(weights[c] for weights in self._weights))
             with np.errstate(invalid="ignore", divide="ignore"):
                 if len(self._gains):
                     gain = self._gains[min(c, len(self._gains) - 1)]
                     plane /= gain
                     plane[~(gain > 0)] = np.nan
-                elif self._weight[c] > 0:
-                    plane /= np.float32(self._weight[c])
+                elif weight > 0:
+                    plane /= np.float32(weight)
                 else:
                     plane[:] = np.nan
         return total

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.sar.grid import Grid, ImageGrid
+from processing.sar.tiles import GridTile
 
 if TYPE_CHECKING:
     from processing.sar.backprojection_kernel import Ground
@@ -48,10 +49,11 @@ def best_patch(grid: Grid, track: NDArray[np.float64], bins_per_m: float) -> int
     """Columns of the patch whose pixels lie closest in range, seen from places all over the track.
 
     Args:
-        grid: the grid; its corners and middle are looked at.
+        grid: the grid; its corners and middle are looked at, of a tile those of the whole grid.
         track: (3 or more, pulses), x, y and z first.
         bins_per_m: range bins per metre.
     """
+    grid = grid.whole if isinstance(grid, GridTile) else grid
     rows, columns = grid.shape
     seen = track[:3, np.linspace(0, track.shape[1] - 1, 5).astype(int)].T
     spread = np.zeros(len(SHAPES))
