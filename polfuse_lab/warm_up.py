@@ -13,6 +13,8 @@ from processing.optics.stokes import stokes_planes
 from processing.radar.profiles import RangeProfiles
 from processing.radar.ridges import best_path
 from processing.sar.backprojection import backproject
+from processing.sar.factorized import factorized
+from processing.sar.factorized_plan import Settings
 from processing.sar.grid import ImageGrid
 from processing.sar.range_migration import range_migration
 
@@ -33,6 +35,8 @@ def warm_up() -> None:
     for interpolator in ("linear", "cubic", "sinc8", "sinc16"):  # one kernel for each filter length
         backproject(profiles, grid, interpolator=interpolator)
     range_migration(profiles, grid)
+    for settings in (Settings(8, 1.8, 1.8), Settings(12, 2.0, 2.4)):  # one kernel for each height of a patch
+        factorized(profiles, grid, settings=settings)
 
     angles = np.radians([0.0, 45.0, 90.0, 135.0])
     series = PolarizerSeries(

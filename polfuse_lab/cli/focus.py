@@ -9,7 +9,7 @@ import typer
 
 from polfuse_lab.cli.output import Debug, Json, guarded, progress, result
 
-METHODS = ("auto", "rma", "bp", "reference")
+METHODS = ("auto", "rma", "bp", "ffbp", "reference")
 WINDOWS = ("hann", "taylor", "rectangular")
 
 
@@ -18,14 +18,30 @@ def focus(
     session: Annotated[Path, typer.Argument(help="Session collected along a rail.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Products file; other stages in it are kept.")],
     method: Annotated[
-        str, typer.Option(help="auto, rma (range migration), bp (back-projection) or reference (plain float64).")
+        str,
+        typer.Option(
+            help="auto, rma (range migration), bp (back-projection), ffbp (factorized) or reference (plain float64)."
+        ),
     ] = "auto",
     tolerance_db: Annotated[float, typer.Option(help="Largest error of the method, dB below the image.")] = -50.0,
-    window: Annotated[str, typer.Option(help="Over the ramp: hann, taylor or rectangular.")] = "hann",
-    aperture: Annotated[str, typer.Option(help="Along the rail: rectangular, hann or taylor.")] = "rectangular",
-    oversampling: Annotated[int, typer.Option(min=2, max=64, help="Range bins per resolution cell.")] = 8,
-    x: Annotated[str, typer.Option("--x", help="Extent along the rail, m: FROM,TO.")] = "-8,8",
-    y: Annotated[str, typer.Option("--y", help="Extent away from the rail on the ground, m: FROM,TO.")] = "3,20",
+    window: Annotated[
+        str | None,
+        typer.Option(help="Over the ramp: hann, taylor or rectangular; default hann (phase histories: taylor)."),
+    ] = None,
+    aperture: Annotated[
+        str | None,
+        typer.Option(help="Along the rail: rectangular (default; phase histories: taylor), hann or taylor."),
+    ] = None,
+    oversampling: Annotated[
+        int | None, typer.Option(min=2, max=64, help="Range bins per resolution cell; 8 (phase histories: 4).")
+    ] = None,
+    x: Annotated[
+        str | None,
+        typer.Option("--x", help="Extent along the rail, m: FROM,TO; -8,8 (phase histories: what is unambiguous)."),
+    ] = None,
+    y: Annotated[
+        str | None, typer.Option("--y", help="Extent away from the rail on the ground, m: FROM,TO; 3,20 (the same).")
+    ] = None,
     pixel: Annotated[str | None, typer.Option(help="Pixel size, m: X,Y; default a quarter of the finest cell.")] = None,
     pattern: Annotated[bool, typer.Option(help="Compensate the antennas' pattern.")] = True,
     sky: Annotated[
@@ -45,11 +61,12 @@ def focus(
     Example: polfuse focus run.h5 -o products.h5 --tolerance-db -60
     """
     _one_of(method, METHODS, "--method")
-    _one_of(window, WINDOWS, "--window")
-    _one_of(aperture, WINDOWS, "--aperture")
+    for value, option in ((window, "--window"), (aperture, "--aperture")):
+        if value is not None:
+            _one_of(value, WINDOWS, option)
     if not tolerance_db < 0:
         raise typer.BadParameter("an error below the image is a negative number of dB", param_hint="--tolerance-db")
-    extents = _pair(x, "--x"), _pair(y, "--y")
+    extents = None if x is None else _pair(x, "--x"), None if y is None else _pair(y, "--y")
     step = None if pixel is None else _pair(pixel, "--pixel")
 
     from polfuse_lab.products import focus as stage

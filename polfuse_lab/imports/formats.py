@@ -54,6 +54,10 @@ FORMATS: Mapping[str, Format] = {
         | _FRAMES
         | {"channel", "channels", "step_m", "positions", "drop", "repeats", "antenna_height_m", "frames"},
     ),
+    "gotcha": Format(
+        "MATLAB files of AFRL's Gotcha collect, or a folder of them",
+        "polfuse_lab.imports.gotcha",
+    ),
     "frames": Format(
         "TIFF or PNG frames of a polarizer series",
         "polfuse_lab.imports.frames_session",

@@ -20,6 +20,8 @@ Arrays = dict[str, NDArray[Any]]
 QUAD = ("HH", "HV", "VH", "VV")
 SPAN_DB = 40.0
 """From the brightest to the darkest colour, dB."""
+FLIGHT_SPAN_DB = 55.0
+"""The same of images from the air, in which corner reflectors stand far above all else."""
 
 
 def draw_all(products: Products, path: Path | str) -> list[Path]:
@@ -36,10 +38,15 @@ def draw_all(products: Products, path: Path | str) -> list[Path]:
     path = Path(path)
     image, settings = products.read("focus"), products.settings("focus")
     channels = tuple(str(name) for name in settings["channels"])
-    figures = {
-        "": magnitude_figure(image, channels),
-        "_range": rail_figure(products.read("ranging"), channels),
-    }
+    ranging = products.read("ranging")
+    # A flight's profiles begin at ranges of their own, and have no place along a rail.
+    if "start_m" in ranging:
+        figures = {"": magnitude_figure(image, channels, span_db=FLIGHT_SPAN_DB)}
+        for panel in figures[""].axes[: len(channels)]:
+            panel.set(xlabel="x [m]", ylabel="y [m]")
+            panel.label_outer()
+    else:
+        figures = {"": magnitude_figure(image, channels), "_range": rail_figure(ranging, channels)}
     if set(QUAD) <= set(channels):
         figures["_pauli"] = pauli_figure(image, channels)
     return [
@@ -47,7 +54,9 @@ def draw_all(products: Products, path: Path | str) -> list[Path]:
     ]
 
 
-def magnitude_figure(focus: Arrays, channels: tuple[str, ...], *, peaks: list[Peak] | None = None) -> Figure:
+def magnitude_figure(
+    focus: Arrays, channels: tuple[str, ...], *, peaks: list[Peak] | None = None, span_db: float = SPAN_DB
+) -> Figure:
     """Magnitude of every channel in dB below the brightest pixel of all, on the ground; circles mark ``peaks``."""
     image, x, y = focus["image"], focus["x_m"], focus["y_m"]
     columns = 1 if len(channels) == 1 else 2
@@ -61,7 +70,7 @@ def magnitude_figure(focus: Arrays, channels: tuple[str, ...], *, peaks: list[Pe
         if index >= len(channels):
             panel.set_visible(False)
             continue
-        picture = style.db_image(panel, image[index] / (reference or 1.0), x, y, span_db=SPAN_DB, top_db=0.0)
+        picture = style.db_image(panel, image[index] / (reference or 1.0), x, y, span_db=span_db, top_db=0.0)
         style.panel(panel, channels[index])
         style.metres(panel)
         panel.label_outer()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.focus_history import focus_history, holds_history, read_history, scene_grid
+from polfuse_lab.products.focus_result import FocusResult
 from polfuse_lab.products.forming import form_channels, own_positions, position_weights
 from polfuse_lab.products.ranging import range_profiles
 from polfuse_lab.products.store import Products
@@ -40,44 +42,25 @@ FAR_MARGIN_CELLS = 10
 """Resolution cells by which profiles reach beyond the image, for interpolation and its edge."""
 
 
-@dataclass(frozen=True)
-class FocusResult:
-    """What was focused, how, and what stands out."""
-
-    products: Path
-    image: NDArray[np.complexfloating]
-    """(channels, ny, nx)."""
-    grid: ImageGrid
-    channels: tuple[str, ...]
-    choice: Choice
-    settings: dict[str, Any]
-    pulses: int
-    """Positions along the rail."""
-    seconds: float
-    peaks: list[Peak]
-    """Of the span (root of the sum of the channels' powers), strongest first."""
-    warnings: list[str]
-
-    @property
-    def pixels(self) -> int:
-        """Pixels of one channel."""
-        return self.grid.shape[0] * self.grid.shape[1]
-
-
 def default_grid(
     session: Session,
     *,
-    x_m: tuple[float, float] = DEFAULT_X_M,
-    y_m: tuple[float, float] = DEFAULT_Y_M,
+    x_m: tuple[float, float] | None = None,
+    y_m: tuple[float, float] | None = None,
     step_m: tuple[float, float] | None = None,
 ) -> ImageGrid:
     """A grid on the ground with a quarter of the narrowest resolution cell, or ``step_m`` (x, y), from pixel to pixel.
 
-    The cell is narrowest in the middle of the nearest row, where the aperture is seen under the widest angle.
+    The cell is narrowest in the middle of the nearest row, where the aperture is seen under the widest angle. Extents
+    that are left out are ``DEFAULT_X_M`` and ``DEFAULT_Y_M``; for a phase history, see
+    :func:`polfuse_lab.products.focus_history.scene_grid`.
 
     Raises:
         PolfuseError: the session has no rig, or the extents are empty or not in front of the rail.
     """
+    if holds_history(session):
+        return scene_grid(read_history(session), x_m=x_m, y_m=y_m, step_m=step_m)
+    x_m, y_m = DEFAULT_X_M if x_m is None else x_m, DEFAULT_Y_M if y_m is None else y_m
     rig = session.rig
     if rig is None:
         raise PolfuseError(
@@ -133,9 +116,9 @@ def focus(
     method: str = "auto",
     tolerance_db: float = -50.0,
     grid: ImageGrid | None = None,
-    window: str = "hann",
-    aperture: str = "rectangular",
-    oversampling: int = 8,
+    window: str | None = None,
+    aperture: str | None = None,
+    oversampling: int | None = None,
     compensate_pattern: bool = True,
     sky: Path | str | None = None,
     peaks: int = 10,
@@ -143,17 +126,20 @@ def focus(
 ) -> FocusResult:
     """Focus a session and write stages "ranging" and "focus" of a products file.
 
-    Where the pattern is compensated, pixels outside the antennas' half-power beam are NaN; ``flags`` tells why.
+    A session that holds a phase history is focused by :func:`polfuse_lab.products.focus_history.focus_history`. Where
+    the pattern is compensated, pixels outside the antennas' half-power beam are NaN; ``flags`` tells why.
 
     Args:
         session: an open session, or its path.
         products_path: file to write to; other stages in it are kept.
-        method: ``"auto"``, ``"rma"``, ``"bp"`` or ``"reference"``, see :mod:`processing.sar.planner`.
+        method: ``"auto"``, ``"rma"``, ``"bp"``, ``"ffbp"`` or ``"reference"``, see :mod:`processing.sar.planner`.
         tolerance_db: largest error of the method, dB below the image.
         grid: where to form the image; :func:`default_grid` where left out.
-        window: over the ramp: ``"hann"``, ``"taylor"`` or ``"rectangular"``.
-        aperture: window along the aperture, same names.
-        oversampling: range bins per resolution cell.
+        window: over the ramp: ``"hann"`` (where left out), ``"taylor"`` or ``"rectangular"``; of a phase history
+            ``"taylor"`` where left out.
+        aperture: window along the aperture, same names; ``"rectangular"`` where left out, of a phase history
+            ``"taylor"``.
+        oversampling: range bins per resolution cell; 8 where left out, of a phase history 4.
         compensate_pattern: whether to divide by the antennas' two-way pattern (the rig file's beam width and angle).
         sky: session of the clear sky, whose mean profile (coupling between the antennas) is taken off.
         peaks: how many of the strongest peaks to report.
@@ -179,6 +165,18 @@ def focus(
                 peaks=peaks,
                 target=target,
             )
+    if holds_history(session):
+        if sky is not None or target is not None:
+            raise PolfuseError(
+                "holds a phase history, which has no sky session and no calibration targets", where=str(session.path),
+                advice="leave these options out",
+            )  # fmt: skip
+        given = {"window": window, "aperture": aperture, "oversampling": oversampling}
+        chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+        return focus_history(
+            session, products_path, method=method, tolerance_db=tolerance_db, grid=grid, peaks=peaks, **chosen
+        )
+    window, aperture, oversampling = window or "hann", aperture or "rectangular", oversampling or 8
     begun = time.perf_counter()
     grid = default_grid(session) if grid is None else grid
     rig = session.rig

@@ -12,6 +12,7 @@ from polfuse_lab.products.passes import spacing_weights
 from processing.radar.profiles import RangeProfiles
 from processing.sar.aperture import aperture_window
 from processing.sar.backprojection import backproject, backproject_reference
+from processing.sar.factorized import factorized
 from processing.sar.grid import ImageGrid
 from processing.sar.planner import Choice
 from processing.sar.range_migration import range_migration
@@ -74,6 +75,9 @@ def _form(
     pattern: dict[str, Any] = {"beamwidth_rad": beamwidth_rad, "depression_rad": depression_rad}
     if choice.method == "rma":
         return range_migration(profiles, grid, weights=weights, **pattern)
+    if choice.method == "ffbp":
+        tolerance = choice.settings_db or choice.predicted_error_db
+        return factorized(profiles, grid, tolerance_db=tolerance, weights=weights, **pattern)
     if choice.method == "reference":
         exact = backproject_reference(profiles, grid, interpolator=choice.interpolator, weights=weights, **pattern)
         return exact.astype(np.complex64)

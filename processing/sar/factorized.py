@@ -10,8 +10,6 @@ tolerance. All geometry and phase is float64, samples are complex64. What it is 
 from __future__ import annotations
 
 import itertools
-import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,8 +22,6 @@ from processing.sar.aperture import Pulses, usable_pulses
 from processing.sar.continuous import sweep_motion
 from processing.sar.factorized_border import gain_sum, off_profiles
 from processing.sar.factorized_plan import (
-    BASE_PULSES,
-    BRANCHES,
     Level,
     Settings,
     Track,
@@ -33,51 +29,12 @@ from processing.sar.factorized_plan import (
     scene_border,
     track_order,
 )
+from processing.sar.factorized_settings import settings_for
 from processing.sar.grid import Grid, check_grid
 from processing.sar.patch_sum import COLUMNS, column_table, row_table
 from processing.sar.paths import channel_groups
-from processing.sar.planner import backprojection_error_db
-
-STAGE_ERROR_DB = {
-    Settings(8, 1.8, 1.8): -58.5,
-    Settings(8, 2.0, 2.0): -62.5,
-    Settings(8, 2.2, 2.2): -65.5,
-    Settings(12, 2.0, 2.4): -75.0,
-    Settings(12, 2.2, 2.6): -78.0,
-}
-"""Error that one merging adds, dB, unweighted point targets; cheapest first. The tests measure them again."""
 
 DEFAULT_TOLERANCE_DB = -50.0
-
-
-@dataclass(frozen=True)
-class FactorizedChoice:
-    """Settings of factorized back-projection, and the error expected of them."""
-
-    settings: Settings
-    predicted_error_db: float
-
-
-def settings_for(tolerance_db: float, pulses: int, oversampling: float) -> FactorizedChoice:
-    """The cheapest settings whose expected error stays within a tolerance; the most exact where none does.
-
-    Args:
-        tolerance_db: largest error, dB below the image (negative).
-        pulses: of the aperture; each fourfold number adds a merging.
-        oversampling: range bins per resolution cell, which the exact parts are read from.
-
-    Raises:
-        DataError: the tolerance is no negative number, or there is less than one bin per cell.
-    """
-    if not tolerance_db < 0:
-        raise DataError(f"a tolerance of {tolerance_db:g} dB is no error below the image", "give a negative number")
-    merged = 1 + max(0.0, math.log(max(pulses, 1) / BASE_PULSES, BRANCHES))
-    read = 10 ** (backprojection_error_db("sinc8", oversampling) / 10)
-    offered = [
-        FactorizedChoice(settings, 10 * math.log10(merged * 10 ** (error / 10) + read))
-        for settings, error in STAGE_ERROR_DB.items()
-    ]
-    return next((choice for choice in offered if choice.predicted_error_db <= tolerance_db), offered[-1])
 
 
 def factorized(

@@ -12,7 +12,8 @@ from processing.errors import DataError
 from processing.radar.antenna import AntennaPair
 from processing.sar.aperture import aperture_window
 from processing.sar.backprojection import backproject_reference
-from processing.sar.factorized import STAGE_ERROR_DB, factorized, settings_for
+from processing.sar.factorized import factorized
+from processing.sar.factorized_settings import STAGE_ERROR_DB, settings_for
 from processing.sar.grid import HeightMapGrid, ImageGrid, PolarGrid
 from processing.sar.patch_sum import TABLE_STEPS, column_table, patch_sum_reference, patches_sum, row_table
 

@@ -1,0 +1,66 @@
+"""Which settings factorized back-projection needs for a tolerance, what error they leave, and what they cost."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from processing.errors import DataError
+from processing.sar.factorized_plan import (
+    BASE_PULSES,
+    BRANCHES,
+    MERGE_NANOSECONDS,
+    PULSE_NANOSECONDS,
+    Settings,
+)
+from processing.sar.planner import backprojection_error_db
+
+STAGE_ERROR_DB = {
+    Settings(8, 1.8, 1.8): -58.5,
+    Settings(8, 2.0, 2.0): -62.5,
+    Settings(8, 2.2, 2.2): -65.5,
+    Settings(12, 2.0, 2.4): -75.0,
+    Settings(12, 2.2, 2.6): -78.0,
+}
+"""Error that one merging adds, dB, unweighted point targets; cheapest first. The tests measure them again."""
+
+SAMPLES_PER_PIXEL = 1.8
+"""Samples of a level in one pixel of an image with 1.25 pixels a cell, with margins, at an oversampling of 1.8."""
+
+
+@dataclass(frozen=True)
+class FactorizedChoice:
+    """Settings of factorized back-projection, and the error expected of them."""
+
+    settings: Settings
+    predicted_error_db: float
+
+
+def settings_for(tolerance_db: float, pulses: int, oversampling: float) -> FactorizedChoice:
+    """The cheapest settings whose expected error stays within a tolerance; the most exact where none does.
+
+    Args:
+        tolerance_db: largest error, dB below the image (negative).
+        pulses: of the aperture; each fourfold number adds a merging.
+        oversampling: range bins per resolution cell, which the exact parts are read from.
+
+    Raises:
+        DataError: the tolerance is no negative number, or there is less than one bin per cell.
+    """
+    if not tolerance_db < 0:
+        raise DataError(f"a tolerance of {tolerance_db:g} dB is no error below the image", "give a negative number")
+    merged = 1 + max(0.0, math.log(max(pulses, 1) / BASE_PULSES, BRANCHES))
+    read = 10 ** (backprojection_error_db("sinc8", oversampling) / 10)
+    offered = [
+        FactorizedChoice(settings, 10 * math.log10(merged * 10 ** (error / 10) + read))
+        for settings, error in STAGE_ERROR_DB.items()
+    ]
+    return next((choice for choice in offered if choice.predicted_error_db <= tolerance_db), offered[-1])
+
+
+def predicted_seconds(choice: FactorizedChoice, pixels: int, pulses: int, channels: int) -> float:
+    """Expected core time for a far scene whose pixels suit its resolution."""
+    merged = max(0.0, math.log(max(pulses, 1) / BASE_PULSES, BRANCHES))
+    dense = choice.settings.angle_oversampling * choice.settings.range_oversampling / 1.8**2
+    each = 1.5 * PULSE_NANOSECONDS * BASE_PULSES + MERGE_NANOSECONDS * BRANCHES * merged
+    return 1e-9 * pixels * channels * (SAMPLES_PER_PIXEL * dense * each + MERGE_NANOSECONDS * BRANCHES)
