@@ -24,7 +24,7 @@ from drivers.records import (
     SwitchState,
     TrolleyFix,
 )
-from polfuse_lab.plans import Plan
+from polfuse_lab.plans import Plan, parse_plan
 from polfuse_lab.plans.dry_run import record_frames
 from polfuse_lab.rig import Rig, parse_model
 from polfuse_lab.scheduler import Control
@@ -89,7 +89,7 @@ def plan_toml(positions: int) -> str:
 
 def plan(positions: int) -> Plan:
     """:func:`plan_toml`, read."""
-    return parse_model(plan_toml(positions), Plan, "counting plan")
+    return parse_plan(plan_toml(positions), "counting plan")
 
 
 def counted_audio(first: int, frames: int) -> NDArray[np.int16]:

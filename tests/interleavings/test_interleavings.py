@@ -25,7 +25,7 @@ from polfuse_lab.records import SweepFlag, Sweeps
 from polfuse_lab.scheduler import Control, Scheduler
 from polfuse_lab.scheduler.devices import DeviceSet
 
-EXAMPLES = int(os.environ.get("POLFUSE_INTERLEAVINGS", "40"))
+EXAMPLES = int(os.environ.get("POLFUSE_INTERLEAVINGS", "30"))
 
 
 def run_machine(examples: int, machine=interleavings.Interleavings, number: int = 1) -> None:
@@ -149,4 +149,4 @@ def test_a_defect_put_in_on_purpose_is_found(defect, monkeypatch):
 def test_the_random_machine_finds_a_defect_too(monkeypatch):
     no_repeat_mark(monkeypatch)
     with pytest.raises(interleavings.Violated, match="is not marked as taken again"):
-        run_machine(200)
+        run_machine(60)
