@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from processing.radar.antenna import boresight, one_way_gain
 from processing.sar.grid import ImageGrid
 
+ROWS = 64
+"""Rows of a grid that are worked on at a time: what they need besides the flags stays small."""
+
 
 class ImageFlag(enum.IntFlag):
     """Why a pixel of a focused image is to be mistrusted. Bits of the flag plane (uint8)."""
@@ -31,7 +34,7 @@ def footprint_flags(
     alias_free_rad: float,
     undefined: NDArray[np.bool_],
 ) -> NDArray[np.uint8]:
-    """Flag plane (ny, nx) of an image, as seen from the aperture's centre.
+    """Flag plane (ny, nx) of an image, as seen from the aperture's centre. A pixel's flags depend on no other pixel.
 
     Args:
         grid: the image's grid.
@@ -40,21 +43,18 @@ def footprint_flags(
         alias_free_rad: widest angle from broadside without grating lobes (pi/2: none anywhere).
         undefined: (ny, nx) pixels that are NaN.
     """
-    sight = np.stack(
-        [
-            np.broadcast_to(grid.x_m, grid.shape),
-            np.broadcast_to(grid.y_m[:, None], grid.shape),
-            np.full(grid.shape, grid.z_m),
-        ],
-        axis=-1,
-    )
-    distance = np.linalg.norm(sight, axis=-1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        cosine = sight @ boresight(depression_rad) / distance
-        sine = np.abs(sight[..., 0]) / distance
     flags = np.where(undefined, int(ImageFlag.UNDEFINED), 0).astype(np.uint8)
-    if beamwidth_rad is not None:
-        flags[~(one_way_gain(cosine, beamwidth_rad) >= 0.5)] |= int(ImageFlag.OUTSIDE_BEAM)
-    if alias_free_rad < math.pi / 2:
-        flags[sine > math.sin(alias_free_rad)] |= int(ImageFlag.GRATING_LOBES)
+    axis = boresight(depression_rad)
+    for first in range(0, grid.shape[0], ROWS):
+        # Written out, for products of matrices round differently for different numbers of rows.
+        some = flags[first : first + ROWS]
+        x, y, z = grid.x_m[None, :], grid.y_m[first : first + ROWS, None], grid.z_m
+        distance = np.sqrt(x**2 + y**2 + z**2)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            cosine = (axis[0] * x + axis[1] * y + axis[2] * z) / distance
+            sine = np.abs(x) / distance
+        if beamwidth_rad is not None:
+            some[~(one_way_gain(cosine, beamwidth_rad) >= 0.5)] |= int(ImageFlag.OUTSIDE_BEAM)
+        if alias_free_rad < math.pi / 2:
+            some[sine > math.sin(alias_free_rad)] |= int(ImageFlag.GRATING_LOBES)
     return flags
