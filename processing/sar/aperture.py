@@ -86,7 +86,8 @@ def usable_pulses(
         raise DataError(f"the range axis does not fit {bins} bins", "give one finite, increasing range for each bin")
     if np.abs(axis - np.linspace(axis[0], axis[-1], bins)).max() > 1e-6 * profiles.range_step_m * bins:
         raise DataError("the range axis is not uniform", "resample the profiles to equal steps")
-    if np.isinf(values).any():
+    whole = bool(np.isfinite(values).all())
+    if not whole and np.isinf(values).any():
         raise DataError("range profiles hold infinite values", "range the session again, or leave those positions out")
     window = np.ones(positions) if weights is None else np.asarray(weights, dtype=np.float64)
     if window.shape != (positions,) or not np.isfinite(window).all() or (window < 0).any():
@@ -99,13 +100,15 @@ def usable_pulses(
     velocity = None if profiles.velocity_m_s is None else np.asarray(profiles.velocity_m_s, dtype=np.float64)
     if velocity is not None and (velocity.shape != (positions, 3) or not np.isfinite(velocity).all()):
         raise DataError(f"velocities do not fit {positions} positions", "give a finite velocity (x, y, z) for each")
-    present = ~np.isnan(values).all(axis=2)
+    present = np.ones(values.shape[:2], dtype=np.bool_) if whole else ~np.isnan(values).all(axis=2)
     effective = np.where(present, window, 0.0)
     for name, total in zip(profiles.channels, effective.sum(axis=1), strict=True):
         if total <= 0 and every_channel:
             raise DataError(f"channel {name} has no profile with any weight", "collect it again, or leave it out")
     used = effective.max(axis=0) > 0
-    kept = np.where((effective[:, used] > 0)[..., None], values[:, used], 0)
+    kept = values if used.all() else values[:, used]
+    if not (effective[:, used] > 0).all():
+        kept = np.where((effective[:, used] > 0)[..., None], kept, 0)
     return Pulses(
         values=kept,
         weights=effective[:, used],

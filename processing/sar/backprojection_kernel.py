@@ -182,7 +182,12 @@ def _sample(window: int, table: Any, first: int, stride: int, degree: int, place
     """Real and imaginary part of a profile between bins, by Horner's rule."""
     re = _look(window, table, first, places)
     im = _look(window, table, first + stride, places)
-    for _ in range(degree):
+    first += 2 * stride
+    re = fma(re, beyond, _look(window, table, first, places))
+    im = fma(im, beyond, _look(window, table, first + stride, places))
+    if degree == 1:
+        return re, im
+    for _ in range(1, degree):
         first += 2 * stride
         re = fma(re, beyond, _look(window, table, first, places))
         im = fma(im, beyond, _look(window, table, first + stride, places))
@@ -191,23 +196,26 @@ def _sample(window: int, table: Any, first: int, stride: int, degree: int, place
 
 @njit(**_INSIDE)
 def _small(window: int, offsets: Any, numbers: Any, q: int, turns: Any, reach: Any) -> Any:
-    """Bin, place beyond it and phase, turns, of a patch's pixels for one pulse, by expansion about the centre."""
+    """Bins (as lookups take them), places beyond and phases, turns, of a patch for one pulse, by its expansion."""
     x, y, z, squares = load(offsets, 0), load(offsets, 16), load(offsets, 32), load(offsets, 48)
     m = fma(z, splat(numbers[_Z + q]), squares * splat(numbers[_BEND + q]))
     m = fma(x, splat(numbers[_X + q]), fma(y, splat(numbers[_Y + q]), m))
     d = fma(m * m, fma(m, splat(numbers[_THIRD + q]), splat(numbers[_SECOND + q])), m)
     place = d + splat(numbers[_PLACE + q])
-    n = (place + splat(INDEX_BITS)) - splat(INDEX_BITS)
+    bits = place + splat(INDEX_BITS)
+    n = bits - splat(INDEX_BITS)
     if window == 0:
         lowest = splat(numbers[_LOWEST + q])
         n = minimum(maximum(n, lowest), lowest + reach)
+        bits = n + splat(INDEX_BITS)
     angle = fma(turns, d, splat(numbers[_PHASE + q]))
-    return n, place - n, angle - rint(angle)
+    return bits, place - n, angle - rint(angle)
 
 
 @njit(**_STRICT)
 def _sum_small(
     window: int,
+    degree: int,
     count: int,
     offsets: Any,
     numbers: Any,
@@ -223,9 +231,9 @@ def _sum_small(
     for first in range(0, count, RUN):
         re = im = splat(np.float32(0))
         for q in range(first, min(first + RUN, count)):
-            n, beyond, angle = _small(window, offsets, numbers, q, turns, reach)
+            bits, beyond, angle = _small(window, offsets, numbers, q, turns, reach)
             c, s = _turned(angle)
-            vr, vi = _sample(window, table, rows[q], layout.stride, layout.degree, n + splat(INDEX_BITS), beyond)
+            vr, vi = _sample(window, table, rows[q], layout.stride, degree, bits, beyond)
             re = fma(vr, c, fma(-vi, s, re))
             im = fma(vr, s, fma(vi, c, im))
         store(sums, at, load(sums, at) + to_float64(re))
@@ -239,10 +247,10 @@ def _keep_small(
     """Work out for a block of pulses what all channels share, offsets in float32."""
     turns, reach = splat(turns_per_bin), splat(np.float32(layout.bins + 2 * MARGIN - 2))
     for q in range(count):
-        n, beyond, angle = _small(window, offsets, numbers, q, turns, reach)
+        bits, beyond, angle = _small(window, offsets, numbers, q, turns, reach)
         c, s = _turned(angle)
         at = _KEPT * q
-        store(kept, at + _BIN, n + splat(INDEX_BITS))
+        store(kept, at + _BIN, bits)
         store(kept, at + _BEYOND, beyond)
         store(kept, at + _COS, c)
         store(kept, at + _SIN, s)
@@ -499,12 +507,21 @@ def add_pulses(
                 turns_per_bin = np.float32(signal.turns_per_m / signal.bins_per_m)
                 at = patch * channels * 32
                 if coarse == 0 and channels == 1 and signal.exponent == 0:
-                    if wide == 0:
-                        _sum_small(16, count, offsets[patch], numbers, rows, turns_per_bin, layout, table, sums, at)
+                    degree = layout.degree
+                    if wide == 0 and degree == 1:
+                        _sum_small(16, 1, count, offsets[patch], numbers, rows, turns_per_bin, layout, table, sums, at)
+                    elif wide == 0:
+                        _sum_small(
+                            16, degree, count, offsets[patch], numbers, rows, turns_per_bin, layout, table, sums, at
+                        )
                     elif wide == 1:
-                        _sum_small(32, count, offsets[patch], numbers, rows, turns_per_bin, layout, table, sums, at)
+                        _sum_small(
+                            32, degree, count, offsets[patch], numbers, rows, turns_per_bin, layout, table, sums, at
+                        )
                     else:
-                        _sum_small(0, count, offsets[patch], numbers, rows, turns_per_bin, layout, table, sums, at)
+                        _sum_small(
+                            0, degree, count, offsets[patch], numbers, rows, turns_per_bin, layout, table, sums, at
+                        )
                     continue
                 if coarse == 0 and signal.exponent == 0:
                     _keep_small(16 if wide < 2 else 0, count, offsets[patch], numbers, turns_per_bin, layout, kept)

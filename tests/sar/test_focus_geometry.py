@@ -347,7 +347,7 @@ def test_polynomials_between_bins_are_the_filters(name, oversampling):
     if name in ("linear", "cubic", "lagrange4"):
         assert len(fitted) == {"linear": 2}.get(name, 4)
         np.testing.assert_allclose(made, weights, atol=1e-14)
-    # What counts is their response within the band of the data: 26 dB below the filter's own error, 6 dB for the sampling.
+    # What counts is their response within the band: 26 dB below the filter's own error; 6 dB for the sampling.
     cycles = np.linspace(-0.5, 0.5, 41) / oversampling
     waves = np.exp(2j * np.pi * np.outer(np.arange(weights.shape[1]), cycles))
     error = 20 * np.log10(np.sqrt(np.mean(np.abs((made - weights) @ waves) ** 2)) + 1e-20)
