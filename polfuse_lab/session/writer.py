@@ -242,6 +242,20 @@ class SessionWriter:
         After a write that failed, HDF5 does not know which of its cached blocks are in the file: what was not flushed
         would read as zeros. Raises OSError or RuntimeError when this fails as well.
         """
+        again = self._cut(file)
+        for record in self._unflushed or ():
+            try:
+                self._reserve.take(self._size(record))
+            except OSError:
+                break
+            try:
+                self._append(record)
+            except (OSError, RuntimeError):
+                return self._cut(again)
+        return again
+
+    def _cut(self, file: h5py.File) -> h5py.File:
+        """Cut off what has not been flushed; the file, opened anew. Raises OSError or RuntimeError."""
         file.close()
         again = h5py.File(self.partial, "r+", libver=BOUNDS)
         for name, items in self._flushed.items():
@@ -250,12 +264,6 @@ class SessionWriter:
         self._attach(again)
         self.samples_lost = int(again["sweeps"]["lost"].sum())
         self.frames_lost = int(again["frames"]["lost_before"].sum() + again["frames"]["incomplete"].sum())
-        for record in self._unflushed or ():
-            try:
-                self._reserve.take(self._size(record))
-            except OSError:
-                break
-            self._append(record)
         return again
 
     def _fail(self, error: Exception) -> NoReturn:
