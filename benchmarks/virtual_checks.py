@@ -250,18 +250,22 @@ def _nothing_lost(run: VirtualRun, session: Session) -> Iterator[str]:
         for number, (frames, step) in run.truth.audio.items()
         if not (frames == PROBE_FRAMES and step == "preparing")
     ]
-    yield from _compare("audio records", wanted, kept, {number: step for number, (_, step) in run.truth.audio.items()})
+    steps = {number: step for number, (_, step) in run.truth.audio.items()}
+    late = {number for kind, number in run.truth.late if kind == "radar"}
+    yield from _compare("audio records", wanted, kept, steps, late)
     frames = [(int(row["frame_id"]), 1) for row in session.frames]
     shown = [(number, 1) for number, step in run.truth.frames.items() if step != "AutoExpose"]
-    yield from _compare("frames", shown, frames, run.truth.frames)
+    late = {number for kind, number in run.truth.late if kind == "camera"}
+    yield from _compare("frames", shown, frames, run.truth.frames, late)
 
 
 def _compare(
-    what: str, delivered: list[tuple[int, int]], kept: list[tuple[int, int]], steps: dict[int, str]
+    what: str, delivered: list[tuple[int, int]], kept: list[tuple[int, int]], steps: dict[int, str], late: set[int]
 ) -> Iterator[str]:
     if len(set(kept)) != len(kept):
         yield f"{what} are in the file twice"
     for item in sorted(set(delivered) - set(kept)):
-        yield f"{what}: number {item[0]} was delivered in step {steps[item[0]]} and is not in the file"
+        if item[0] not in late:
+            yield f"{what}: number {item[0]} was delivered in step {steps[item[0]]} and is not in the file"
     for item in sorted(set(kept) - set(delivered)):
         yield f"{what}: number {item[0]} is in the file and was never delivered"

@@ -52,6 +52,8 @@ class Truth:
     """Audio delivered: number of its first frame, its frames, and during which step."""
     frames: dict[int, str] = field(default_factory=dict)
     """Camera frames delivered, and during which step."""
+    late: set[tuple[str, int]] = field(default_factory=set)
+    """Kinds and numbers of what was delivered by calls that had hung, which perhaps nobody waited for any more."""
     step: Callable[[], str] = lambda: ""
     """Name of the step that is under way."""
 
@@ -66,6 +68,9 @@ class VirtualDevice:
         self.plugged = True
         self.hang_s = 0.0
         """The next call hangs for so long."""
+        self.late = False
+        """Whether the present call has hung: perhaps nobody waits for its answer any more."""
+        self._hung = False
         self.opened = False
         self.lost = False
         """Whether it went away while it was open, and has not been opened since: nobody can make it safe."""
@@ -81,10 +86,12 @@ class VirtualDevice:
 
     def call(self, command: bool = False) -> None:
         """Every call begins here. Raises when the device hangs or is away; ``command``: it will do something."""
+        self.late = False
         if self.hang_s > 0:
             until = self.now_ns + round(self.hang_s * 1e9)
-            self.hang_s = 0.0
+            self.hang_s, self._hung = 0.0, True
             raise Hanging(until)
+        self.late, self._hung = self._hung, False
         if not self.plugged:
             self.lost, self.opened = self.lost or self.opened, False
             raise DeviceLost("is gone", where=f"virtual {self.kind}", advice="plug it in")
@@ -166,6 +173,8 @@ class VirtualRadar(VirtualDevice):
         number = self._epoch * EPOCH + first
         samples = self._sample(first, frames)
         self.truth.audio[number] = (frames, self.truth.step())
+        if self.late:
+            self.truth.late.add((self.kind, number))
         lost, self.lose = self.lose, 0
         overflow, self.overflow = self.overflow, False
         return AudioBlock(samples, RATE_HZ, number, number / RATE_HZ, self._time_ns(first), lost, overflow)

@@ -94,6 +94,8 @@ class VirtualCamera(VirtualDevice):
             image[row, :5] = np.round(angles / ANGLE_UNIT_RAD).astype(np.int64) % 65_536
         incomplete, self.incomplete = self.incomplete, False
         self.truth.frames[self._number] = self.truth.step()
+        if self.late:
+            self.truth.late.add((self.kind, self._number))
         return Frame(image, self._number, self._exposure_s, 0.0, begin_ns * 1e-9, begin_ns, incomplete)
 
     def exposure_limits(self) -> tuple[float, float]:
