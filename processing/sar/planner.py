@@ -1,52 +1,66 @@
-"""Which method and interpolator to focus with: the cheapest whose measured error stays within the tolerance.
+"""How to focus: the cheapest method, interpolator, oversampling and precision whose expected error is small enough.
 
-Errors are root mean square over the image, relative to the exact float64 matched filter, and were measured on the
-thesis's rail (2.4 GHz, 80 MHz unweighted, 10 ft in 2 in steps, targets from 5 to 40 m); unweighted data fill their band
-to its edges, which is the worst case. The tests measure every entry again.
+Errors are root mean square over the image, relative to the exact float64 matched filter. Those of back-projection
+follow from filter, window and geometry (:mod:`processing.sar.focus_errors`); those of range migration and factorized
+back-projection were measured on point targets in random geometries (``python -m benchmarks accuracy.focus_planner``
+measures all of them again). Times: :mod:`processing.sar.focus_costs`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from processing.errors import DataError
-from processing.sar.interpolation import taps_of
+from processing.radar.profiles import SPEED_OF_LIGHT_M_S
+from processing.sar.focus_costs import (
+    BACKPROJECTION_NS,
+    RANGING_NS,
+    REFERENCE_NS,
+    backprojection_seconds,
+    cores,
+    machine_scale,
+    migration_seconds,
+)
+from processing.sar.focus_errors import ghost_share, predicted_error_db
+from processing.sar.grid import ImageGrid
 
-OVERSAMPLINGS = (1, 2, 4, 8, 16)
-"""Range bins per resolution cell at which back-projection was measured."""
+METHODS = ("auto", "bp", "ffbp", "rma", "reference")
 
-BACKPROJECTION_ERROR_DB = {
-    "linear": (-9.5, -20.4, -32.1, -44.2, -56.2),
-    "cubic": (-11.4, -30.4, -51.3, -71.0, -89.3),
-    "lagrange4": (-11.4, -31.1, -54.1, -77.9, -101.9),
-    "sinc8": (-16.4, -67.4, -93.7, -105.5, -114.1),
-    "sinc16": (-21.0, -122.9, -136.8, -139.4, -139.7),
-}
-"""Error of the compiled kernel, dB, by interpolator and range oversampling; complex64 ends it at -140 dB."""
+OVERSAMPLINGS = (2, 3, 4, 6, 8, 12, 16)
+"""Range bins per resolution cell that are chosen from where none is given."""
+
+SAFETY_DB = 2.0
+"""How far below the tolerance an expected error must be: measured errors are at most so much larger."""
 
 MIGRATION_ANGLES_DEG = (40.0, 71.0, 80.0, 90.0)
 """Largest angles from broadside at which range migration was measured; nothing is promised at grazing angles."""
 
 MIGRATION_ERROR_DB = {False: (-65.0, -61.0, -55.0, 0.0), True: (-64.0, -50.0, -34.0, 0.0)}
-"""Error of range migration against back-projection, dB, without and with compensation of the antennas' pattern."""
+"""Bounds of range migration's error, dB, without and with compensation of the antennas' pattern."""
 
-NANOSECONDS = {
-    "linear": (9.0, 4.0),
-    "cubic": (10.0, 4.5),
-    "lagrange4": (10.0, 4.5),
-    "sinc8": (13.0, 6.5),
-    "sinc16": (19.0, 10.5),
+MIGRATION_TYPICAL_DB = {False: (-88.0, -61.0, -55.0, 0.0), True: (-66.0, -52.0, -36.0, 0.0)}
+"""Its error as expected, dB."""
+
+FACTORIZED_TYPICAL_DB = {8: -6.5, 12: -3.0}
+"""What is measured of factorized back-projection over the bound that its settings are chosen by, dB, by the taps of its
+interpolation along the angle."""
+
+FACTORIZED_PULSES, FACTORIZED_PIXELS = 192, 2**18
+"""Pulses and pixels from which factorized back-projection is chosen of itself; below it hardly pays."""
+
+REFERENCE_FLOOR_DB = -150.0
+"""What is left of float64 precision in an image that is stored as complex64."""
+
+PRECISIONS = {
+    "bp": "ranges and phases exact to float64, sums in float32",
+    "ffbp": "ranges and phases in float64, samples in complex64",
+    "rma": "spectra in complex64",
+    "reference": "float64",
 }
-"""Core time of back-projection for one pixel and pulse: once, and for each channel (2.5 GHz server core)."""
-
-PATTERN_NANOSECONDS = 21.0
-"""Core time of pattern compensation for one pixel and pulse."""
-
-MIGRATION_NANOSECONDS = (190.0, 140.0)
-"""Core time of range migration for one cell of the two-dimensional spectrum: once, and for each channel."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +70,8 @@ class Task:
     pixels: int
     pulses: int
     channels: int
-    oversampling: float
-    """Range bins per resolution cell."""
+    oversampling: float | None
+    """Range bins per resolution cell; None where the planner is to choose."""
     wavelength_m: float
     furthest_m: float
     """Largest range in the image."""
@@ -67,6 +81,24 @@ class Task:
     """Root mean square deviation from an even, straight rail; None where there is no such rail."""
     compensated: bool
     """Whether the antennas' pattern is compensated."""
+    window: str = "rectangular"
+    """Over the ramp; the rectangular one fills the band to its edges, which is the worst case."""
+    oversamplings: tuple[int, ...] = OVERSAMPLINGS
+    """To choose from where ``oversampling`` is None."""
+    antenna_m: NDArray[np.float64] | None = None
+    """(positions, 3) for the ghosts that interpolation leaves; without it all of them are taken to stay."""
+    grid: ImageGrid | None = None
+    """Likewise."""
+    bandwidth_hz: float = 80e6
+    """Of the ramp; with the profiles' depth it tells how many bins they have."""
+    depth_m: float | None = None
+    """Ranges that the profiles hold; None where they begin at 0."""
+
+    @property
+    def cells(self) -> float:
+        """Resolution cells of a range profile."""
+        depth = self.furthest_m if self.depth_m is None else self.depth_m
+        return depth * 2 * self.bandwidth_hz / SPEED_OF_LIGHT_M_S
 
 
 @dataclass(frozen=True)
@@ -74,80 +106,189 @@ class Choice:
     """A way to focus, and why."""
 
     method: str
-    """``"rma"`` (range migration), ``"bp"`` (back-projection) or ``"reference"``."""
+    """``"rma"`` (range migration), ``"bp"`` (back-projection), ``"ffbp"`` (factorized back-projection) or
+    ``"reference"``."""
     interpolator: str
-    """Of back-projection; ``"sinc8"`` is range migration's own."""
+    """Of back-projection; ``"sinc8"`` is the other methods' own."""
     predicted_error_db: float
     seconds: float
-    """Expected core time."""
+    """Expected core time on the core that the tables were measured on, range compression included."""
     reason: str
+    oversampling: float = 8.0
+    """Range bins per resolution cell."""
+    settings_db: float | None = None
+    """Tolerance that the settings of factorized back-projection are to be chosen by; None for other methods."""
+    considered: tuple[Choice, ...] = ()
+    """The other ways, cheapest first."""
+
+    @property
+    def precision(self) -> str:
+        """Of the arithmetic, in words."""
+        return PRECISIONS[self.method]
 
 
 def backprojection_error_db(interpolator: str, oversampling: float) -> float:
-    """Expected error of back-projection, dB, between the measured oversamplings by interpolation.
+    """Expected error of back-projection of unweighted data where all ghosts stay in the image, dB: the worst case.
 
     Raises:
         DataError: unknown interpolator, or less than one bin per cell.
     """
-    taps_of(interpolator)
-    if not oversampling >= 1 - 1e-9:
-        raise DataError(f"{oversampling:g} range bins per cell lose information", "range with an oversampling of 2 up")
-    octaves = np.log2(OVERSAMPLINGS)
-    return float(np.interp(math.log2(max(oversampling, 1.0)), octaves, BACKPROJECTION_ERROR_DB[interpolator]))
+    return predicted_error_db(interpolator, oversampling)
 
 
-def migration_error_db(task: Task) -> float:
-    """Expected error of range migration, dB: its own by angle, and that of uneven positions (two-way phase)."""
-    own = np.interp(math.degrees(task.widest_rad), MIGRATION_ANGLES_DEG, MIGRATION_ERROR_DB[task.compensated])
+def migration_error_db(task: Task, *, bound: bool = False) -> float:
+    """Expected error of range migration (or its bound), dB: its own by angle, and that of uneven positions."""
+    table = MIGRATION_ERROR_DB if bound else MIGRATION_TYPICAL_DB
+    own = np.interp(math.degrees(task.widest_rad), MIGRATION_ANGLES_DEG, table[task.compensated])
     uneven = 4 * math.pi / task.wavelength_m * (task.residual_m or 0.0)
     return float(10 * np.log10(10 ** (own / 10) + uneven**2))
 
 
-def choices(task: Task) -> list[Choice]:
-    """Everything that can be done, cheapest first."""
+def choices(task: Task, tolerance_db: float = -50.0, method: str = "auto") -> list[Choice]:
+    """Everything that can be done, or all ways of one method, cheapest first.
+
+    Factorized back-projection comes as the tolerance asks, and of itself only where it pays.
+    """
+    # Its settings build on this module's errors of interpolation.
+    from processing.sar.factorized_settings import predicted_seconds, settings_for
+
+    shares: dict[int, float] = {}
     offered = []
-    for interpolator, (once, each) in NANOSECONDS.items():
-        pattern = PATTERN_NANOSECONDS if task.compensated else 0.0
-        seconds = 1e-9 * task.pixels * task.pulses * (once + pattern + each * task.channels)
-        error = backprojection_error_db(interpolator, task.oversampling)
-        offered.append(Choice("bp", interpolator, error, seconds, ""))
-    if task.residual_m is not None:
-        k = 4 * math.pi / task.wavelength_m
-        along = k * math.sin(task.widest_rad) * 2 * task.furthest_m / math.pi
-        across = k * (1 - math.cos(task.widest_rad) * 0.8) * 1.5 * task.furthest_m / (2 * math.pi)
-        once, each = MIGRATION_NANOSECONDS
-        seconds = 1e-9 * along * across * (once + each * task.channels)
-        offered.append(Choice("rma", "sinc8", migration_error_db(task), seconds, ""))
+    for oversampling in task.oversamplings if task.oversampling is None else (task.oversampling,):
+        share = _share(task, oversampling, shares)
+        bins = oversampling * task.cells
+        ranging = 1e-9 * RANGING_NS * bins * task.pulses * task.channels
+        for interpolator in BACKPROJECTION_NS:
+            error = predicted_error_db(interpolator, oversampling, task.window, share)
+            seconds = backprojection_seconds(
+                interpolator, pixels=task.pixels, pulses=task.pulses, channels=task.channels,
+                bins=bins, compensated=task.compensated,
+            )  # fmt: skip
+            offered.append(Choice("bp", interpolator, error, ranging + seconds, "", oversampling))
+        if task.residual_m is not None:
+            seconds = migration_seconds(
+                wavelength_m=task.wavelength_m, furthest_m=task.furthest_m, widest_rad=task.widest_rad,
+                channels=task.channels,
+            )  # fmt: skip
+            offered.append(Choice("rma", "sinc8", migration_error_db(task), ranging + seconds, "", oversampling))
+        if oversampling >= 2:
+            chosen = settings_for(tolerance_db, task.pulses, oversampling)
+            error = chosen.predicted_error_db + FACTORIZED_TYPICAL_DB[chosen.settings.rows]
+            seconds = predicted_seconds(chosen, task.pixels, task.pulses, task.channels)
+            offered.append(Choice("ffbp", "sinc8", error, ranging + seconds, "", oversampling, tolerance_db))
     return sorted(offered, key=lambda choice: (choice.seconds, choice.predicted_error_db))
 
 
 def choose(task: Task, tolerance_db: float, method: str = "auto") -> Choice:
-    """The cheapest way whose predicted error is within the tolerance; the most exact where none is.
+    """The cheapest way whose expected error is within the tolerance by a margin; the most exact where none is.
+
+    Plain float64 back-projection is chosen of itself only where nothing else reaches the tolerance and it does.
 
     Args:
         task: what is to be focused.
         tolerance_db: largest error, dB (negative).
-        method: ``"auto"``, or the one to use: ``"rma"``, ``"bp"``, ``"reference"``.
+        method: ``"auto"``, or the one to use: ``"rma"``, ``"bp"``, ``"ffbp"``, ``"reference"``.
 
     Raises:
-        DataError: unknown method, a tolerance that is no negative number, or range migration without an even rail.
+        DataError: unknown method, a tolerance that is no negative number, less than one bin per cell, an image without
+            pixels or pulses, or range migration without an even rail.
     """
-    if method not in ("auto", "rma", "bp", "reference"):
-        raise DataError(f"there is no focusing method {method!r}", "choose auto, rma, bp or reference")
-    if not tolerance_db < 0:
+    if method not in METHODS:
+        raise DataError(f"there is no focusing method {method!r}", f"choose one of {', '.join(METHODS)}")
+    if not (tolerance_db < 0 and math.isfinite(tolerance_db)):
         raise DataError(f"a tolerance of {tolerance_db:g} dB is no error below the image", "give a negative number")
+    if min(task.pixels, task.pulses, task.channels) < 1:
+        raise DataError("there is nothing to focus", "give pixels, pulses and channels")
+    offered = choices(task, tolerance_db)
+    exact = _reference(task)
     if method == "reference":
-        error = backprojection_error_db("sinc16", task.oversampling)
-        seconds = 2.5e-6 * task.pixels * task.pulses
-        return Choice("reference", "sinc16", error, seconds, "asked for: plain float64 back-projection")
-    offered = [choice for choice in choices(task) if method in ("auto", choice.method)]
-    if not offered:
+        return replace(exact, reason="asked for: plain float64 back-projection", considered=tuple(offered))
+    fit = [choice for choice in offered if method in ("auto", choice.method)]
+    if method == "auto" and (task.pulses < FACTORIZED_PULSES or task.pixels < FACTORIZED_PIXELS):
+        fit = [choice for choice in fit if choice.method != "ffbp"]
+    if not fit:
         raise DataError("positions are not even enough for range migration", "focus by back-projection")
-    fitting = [choice for choice in offered if choice.predicted_error_db <= tolerance_db]
+    fitting = [choice for choice in fit if choice.predicted_error_db <= tolerance_db - SAFETY_DB]
+    at = f" at {task.oversampling:g} bins per cell" if task.oversampling is not None else ""
     if fitting:
         best, why = fitting[0], f"cheapest within {tolerance_db:g} dB"
+    elif method == "auto" and exact.predicted_error_db <= tolerance_db - SAFETY_DB:
+        best, why = exact, f"only float64 reaches {tolerance_db:g} dB"
     else:
-        best = min(offered, key=lambda choice: choice.predicted_error_db)
-        why = f"nothing on offer reaches {tolerance_db:g} dB at {task.oversampling:g} bins per cell: the most exact"
+        best = min(fit, key=lambda choice: choice.predicted_error_db)
+        near = best.predicted_error_db <= tolerance_db
+        why = (
+            f"nothing on offer stays {SAFETY_DB:g} dB below {tolerance_db:g} dB{at}: the most exact"
+            if near
+            else f"nothing on offer reaches {tolerance_db:g} dB{at}: the most exact"
+        )
     asked = "" if method == "auto" else f"{method} asked for; "
-    return Choice(best.method, best.interpolator, best.predicted_error_db, best.seconds, asked + why)
+    others = tuple(choice for choice in offered if choice is not best)
+    return replace(best, reason=asked + why, considered=others)
+
+
+def explain(task: Task, choice: Choice, tolerance_db: float) -> list[str]:
+    """The choice in words: what it is, what it will cost here, and why nothing else was taken."""
+    scale = machine_scale()
+    lines = [
+        f"{_name(choice)}: {choice.reason}",
+        f"expected error {choice.predicted_error_db:.0f} dB, tolerance {tolerance_db:g} dB; precision: "
+        f"{choice.precision}",
+        f"{task.pixels} pixels, {task.pulses} positions, {task.channels} channels: about "
+        f"{_time(choice.seconds * scale)} of core time, {_time(choice.seconds * scale / cores())} on {cores()} cores "
+        f"(this core takes {scale:.2g} times as long as the one that the tables are from)",
+    ]
+    for other in _best_of_each(choice.considered):
+        far = other.predicted_error_db > tolerance_db - SAFETY_DB
+        why = "not exact enough" if far else f"{other.seconds / max(choice.seconds, 1e-12):.2g} times the time"
+        if not far and other.method == "ffbp" and other.seconds < choice.seconds:
+            why = "pays for larger images and apertures only"
+        lines.append(
+            f"not {_name(other)}: {why} ({other.predicted_error_db:.0f} dB, {_time(other.seconds * scale)} of core "
+            "time expected)"
+        )
+    return lines
+
+
+def _best_of_each(others: tuple[Choice, ...]) -> list[Choice]:
+    """Of every method and interpolator the cheapest entry, in order of time."""
+    found: dict[tuple[str, str], Choice] = {}
+    for other in others:
+        found.setdefault((other.method, other.interpolator), other)
+    return list(found.values())
+
+
+def _name(choice: Choice) -> str:
+    bins = f"{choice.oversampling:g} bins per cell"
+    words = {
+        "bp": f"back-projection with {choice.interpolator} interpolation at {bins}",
+        "ffbp": f"factorized back-projection at {bins}",
+        "rma": f"range migration at {bins}",
+        "reference": f"plain float64 back-projection with {choice.interpolator} interpolation at {bins}",
+    }
+    return words[choice.method]
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds * 1e3:.2g} ms" if seconds < 1 else f"{seconds:.2g} s" if seconds < 600 else f"{seconds:.0f} s"
+
+
+def _reference(task: Task) -> Choice:
+    oversampling = task.oversampling if task.oversampling is not None else max(task.oversamplings)
+    share = _share(task, oversampling, {})
+    error = predicted_error_db("sinc16", oversampling, task.window, share, floor_db=REFERENCE_FLOOR_DB)
+    seconds = 1e-9 * REFERENCE_NS * task.pixels * task.pulses * task.channels
+    return Choice("reference", "sinc16", error, seconds, "", oversampling)
+
+
+def _share(task: Task, oversampling: float, known: dict[int, float]) -> float:
+    """Ghosts that stay in the image; sampled for 2, 4, 8 and 16 bins per cell, of which the next below serves."""
+    if task.antenna_m is None or task.grid is None:
+        return 1.0
+    near = max(2, min(16, 2 ** int(math.log2(max(oversampling, 2.0)))))
+    if near not in known:
+        known[near] = ghost_share(
+            task.antenna_m, task.grid, centre_hz=SPEED_OF_LIGHT_M_S / task.wavelength_m,
+            bandwidth_hz=task.bandwidth_hz, oversampling=near,
+        )  # fmt: skip
+    return known[near]
