@@ -12,6 +12,9 @@ from processing.errors import DataError
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S, RangeProfiles
 from processing.radar.ranging import window_weights
 
+BLOCK_PULSES = 64
+"""Pulses that are transformed at a time."""
+
 
 @dataclass(frozen=True)
 class PhaseHistory:
@@ -85,12 +88,17 @@ def history_profiles(history: PhaseHistory, *, window: str = "taylor", oversampl
     step = history.unambiguous_m / bins
     turned = np.exp(-4j * np.pi * centre / SPEED_OF_LIGHT_M_S * reference)
     values = np.empty((channels, pulses, bins), dtype=np.complex64)
-    padded = np.zeros((pulses, bins), dtype=np.complex128)
+    # Single precision leaves -130 dB of rounding; in blocks, so that nothing but the result is as large as it is.
+    padded = np.zeros((min(pulses, BLOCK_PULSES), bins), dtype=np.complex64)
     for channel in range(channels):
-        weighted = echoes[channel] * weights
-        padded[:, : count - half], padded[:, bins - half :] = weighted[:, half:], weighted[:, :half]
-        line = scipy.fft.fftshift(scipy.fft.ifft(padded, axis=1, norm="forward"), axes=1)
-        values[channel] = line * turned[:, None]
+        for first in range(0, pulses, BLOCK_PULSES):
+            block = slice(first, min(first + BLOCK_PULSES, pulses))
+            held = padded[: block.stop - first]
+            weighted = echoes[channel, block] * (weights * turned[block, None])
+            held[:, : count - half], held[:, bins - half :] = weighted[:, half:], weighted[:, :half]
+            line = scipy.fft.ifft(held, axis=1, norm="forward")
+            values[channel, block, : bins // 2] = line[:, bins - bins // 2 :]
+            values[channel, block, bins // 2 :] = line[:, : bins - bins // 2]
     return RangeProfiles(
         values=values,
         range_m=step * np.arange(bins),
