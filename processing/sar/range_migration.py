@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from scipy.signal import czt
 
 from processing.errors import DataError
-from processing.radar.antenna import pattern_exponent
+from processing.radar.antenna import AntennaPair, pattern_exponent
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S, RangeProfiles
 from processing.sar.aperture import EvenTrack, Pulses, even_track, two_way_gain, usable_pulses, widest_angle_rad
-from processing.sar.backprojection import distance_m
+from processing.sar.continuous import sweep_motion
 from processing.sar.grid import ImageGrid, check_grid
 from processing.sar.interpolation import tap_weights
 from processing.sar.stolt import stolt
@@ -65,11 +65,12 @@ def range_migration(
         (channels, ny, nx) complex64; NaN where a pulse's range is off the profiles' axis.
 
     Raises:
-        DataError: positions that are uneven by more than 1 % of their step (advises back-projection), single NaN
-            samples, a grid that is not in front of the rail or not uniform in x, or unusable profiles.
+        DataError: positions that are uneven by more than 1 % of their step, first ranges or antenna pairs of their
+            own, motion within the sweeps that matters, single NaN samples (all advise back-projection), a grid that is
+            no plane, not in front of the rail or not uniform in x, or unusable profiles.
     """
     pulses = usable_pulses(profiles, weights)
-    check_grid(grid)
+    _check(profiles, pulses, grid)
     if np.isnan(pulses.values).any():
         raise DataError("profiles hold single NaN samples", "focus by back-projection, which keeps them local")
     track = even_track(pulses.antenna_m)
@@ -80,7 +81,7 @@ def range_migration(
         )
     x_step = _uniform_step(grid.x_m)
     slant = np.hypot(grid.y_m - track.y_m, grid.z_m - track.z_m)
-    outside, nearest, furthest = _ranges(profiles, pulses, grid)
+    outside, nearest, furthest = _ranges(profiles, pulses, track, grid)
     profiles, pulses = _crop(profiles, pulses, nearest, furthest)
     view = _View(profiles, pulses, track, grid, slant)
     exponent = 0.0 if beamwidth_rad is None else pattern_exponent(beamwidth_rad)
@@ -96,6 +97,21 @@ def range_migration(
         with np.errstate(invalid="ignore", divide="ignore"):
             image[c] = np.where(outside | (norm <= 0), np.nan, (lines * scale).T * second / norm)
     return image
+
+
+def _check(profiles: RangeProfiles, pulses: Pulses, grid: ImageGrid) -> None:
+    """What the method does not model is refused, not focused wrongly."""
+    advice = "focus by back-projection"
+    if not isinstance(grid, ImageGrid):
+        raise DataError("range migration forms images on a plane, in x and y", advice)
+    check_grid(grid)
+    if profiles.start_m is not None and np.any(np.asarray(profiles.start_m) != 0):
+        raise DataError("positions have first ranges of their own, which range migration does not take", advice)
+    if profiles.pairs is not None and any(pair != AntennaPair() for pair in profiles.pairs):
+        raise DataError("transmitting and receiving antennas stand apart, which range migration does not model", advice)
+    moving = sweep_motion(profiles)
+    if moving.modelled:
+        raise DataError(f"{moving.reason}, which range migration does not model", advice)
 
 
 class _View:
@@ -246,17 +262,22 @@ def _second_order(
     return np.asarray(np.exp(1j * a * distance / (k * slant[:, None] ** 2)))
 
 
-def _ranges(profiles: RangeProfiles, pulses: Pulses, grid: ImageGrid) -> tuple[NDArray[np.bool_], float, float]:
-    """Pixels that are off the range axis for any pulse (as back-projection with eight taps has it), and the ranges."""
+def _ranges(
+    profiles: RangeProfiles, pulses: Pulses, track: EvenTrack, grid: ImageGrid
+) -> tuple[NDArray[np.bool_], float, float]:
+    """Pixels that are off the range axis for any pulse (as back-projection with eight taps has it), and the ranges.
+
+    Of a straight rail the nearest position and the further end have the shortest and the longest distance.
+    """
     lowest = profiles.range_m[0] + 3 * profiles.range_step_m
     highest = profiles.range_m[-1] - 4 * profiles.range_step_m
-    outside = np.zeros(grid.shape, dtype=np.bool_)
-    nearest, furthest = math.inf, 0.0
-    for antenna in pulses.antenna_m:
-        distance = distance_m(antenna, grid)
-        outside |= (distance < lowest) | (distance >= highest)
-        nearest, furthest = min(nearest, float(distance.min())), max(furthest, float(distance.max()))
-    return outside, nearest, furthest
+    x = np.sort(pulses.antenna_m[:, 0])
+    after = np.clip(np.searchsorted(x, grid.x_m), 1, len(x) - 1)
+    beside = np.minimum(np.abs(grid.x_m - x[after - 1]), np.abs(grid.x_m - x[after]))
+    end = np.maximum(np.abs(grid.x_m - x[0]), np.abs(grid.x_m - x[-1]))
+    slant = np.hypot(grid.y_m - track.y_m, grid.z_m - track.z_m)[:, None]
+    shortest, longest = np.hypot(slant, beside), np.hypot(slant, end)
+    return (shortest < lowest) | (longest >= highest), float(shortest.min()), float(longest.max())
 
 
 def _crop(profiles: RangeProfiles, pulses: Pulses, nearest: float, furthest: float) -> tuple[RangeProfiles, Pulses]:

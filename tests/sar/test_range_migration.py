@@ -5,9 +5,10 @@ import pytest
 from rail_data import CELL_M, Frequencies, ground, hann, rail, relative_db, sinc_profiles
 
 from processing.errors import DataError
+from processing.radar.antenna import AntennaPair
 from processing.sar.aperture import aperture_window, even_track
 from processing.sar.backprojection import backproject
-from processing.sar.grid import ImageGrid
+from processing.sar.grid import ImageGrid, PolarGrid
 from processing.sar.planner import MIGRATION_ERROR_DB
 from processing.sar.quality import complex_correlation, find_peaks
 from processing.sar.range_migration import range_migration
@@ -139,6 +140,21 @@ def test_images_and_data_that_do_not_suit_are_refused(profiles):
     spoiled[0, 3, 40] = np.nan
     with pytest.raises(DataError, match="single NaN"):
         range_migration(replace(profiles, values=spoiled), AHEAD)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"start_m": np.full(61, 1.0)}, "first ranges"),
+        ({"pairs": (AntennaPair((0.5, 0.0, 0.0), (0.0, 0.0, 0.0)),)}, "stand apart"),
+        ({"velocity_m_s": np.full((61, 3), 5.0), "ramp_s": 0.02}, "motion within the sweeps"),
+    ],
+)
+def test_geometry_that_is_not_modelled_is_refused(profiles, changed, words):
+    with pytest.raises(DataError, match=words):
+        range_migration(replace(profiles, **changed), AHEAD)
+    with pytest.raises(DataError, match="on a plane"):
+        range_migration(profiles, PolarGrid(np.array([10.0]), np.array([0.0]), -1.0))
 
 
 def test_one_pixel_and_one_row_are_images_too():
