@@ -21,6 +21,8 @@ from polfuse_lab.session.layout import SessionConfig
 from polfuse_lab.session.naming import partial_path
 
 QUEUE_BYTES = 128_000_000
+HURRY_BYTES = 16_000_000
+"""With so much in the queue the writer is behind, and leaves out compression until it has caught up."""
 FLUSH_EVERY_S = 1.0
 STALL_S = 30.0
 
@@ -99,7 +101,8 @@ class WriterProcess:
     def offer(self, record: Record) -> bool:
         """Queue a record; False when the queue is full (offer it again). Raises the writer's failure."""
         self._check()
-        pieces = wire.encode(*wire.record_message(record))
+        header, payload = wire.record_message(record)
+        pieces = wire.encode({**header, "plain": self._queued > HURRY_BYTES} if payload else header, payload)
         size = sum(map(len, pieces))
         with self._lock:
             if self._queued and self._queued + size > QUEUE_BYTES:
@@ -188,6 +191,9 @@ class WriterProcess:
                 with self._lock:
                     self._queued -= sum(map(len, pieces))
                     idle = self._waiting_since is None
+                    if not idle:
+                        # It goes on, however slowly.
+                        self._waiting_since = time.monotonic()
                 if self._created.is_set() and idle and time.monotonic() - flushed > FLUSH_EVERY_S:
                     self._ask_flush(durable=False)
                     flushed = time.monotonic()

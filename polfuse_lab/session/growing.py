@@ -2,6 +2,9 @@
 
 h5py's own indexing makes the types and selections of HDF5 anew for each write, which takes longer than a row of a table
 does; here they are made once.
+
+Compression takes longer than all the rest of writing. A writer that falls behind stores whole chunks as they are; HDF5
+notes for each chunk which filters were left out, and readers see no difference.
 """
 
 from __future__ import annotations
@@ -30,10 +33,18 @@ class GrowingDataset:
         self.items: int = dataset.shape[0]
         """Items so far."""
         self._id = dataset.id
+        # Only whole items are stored without the filter, and only one filter is left out: bit 0 of the mask.
+        self._direct = dataset.id.get_create_plist().get_nfilters() == 1 and dataset.chunks[1:] == dataset.shape[1:]
         self._memory_type = h5py.h5t.py_create(dataset.dtype)
 
-    def append(self, items: NDArray[Any], *, at: int | None = None) -> None:
+    def append(self, items: NDArray[Any], *, at: int | None = None, plain: bool = False) -> None:
         """Write ``items``, shape (n, *shape), at the end, or further on at ``at`` (what is skipped reads as zeros).
+
+        Args:
+            items: what is written.
+            at: where the first of them goes.
+            plain: without compression, where they begin with a chunk; a last chunk that they do not fill is filled up
+                with zeros.
 
         Raises:
             OSError, RuntimeError: as h5py does where writing fails; the dataset may have grown without the items then.
@@ -45,9 +56,19 @@ class GrowingDataset:
         self.items = end
         if not len(values):
             return
+        if plain and self._direct and first % self.chunk == 0:
+            self._store_chunks(values, first)
+            return
         target = self._id.get_space()
         target.select_hyperslab((first, *(0 for _ in self.shape)), values.shape)
         self._id.write(h5py.h5s.create_simple(values.shape), target, values, self._memory_type)
+
+    def _store_chunks(self, values: NDArray[Any], first: int) -> None:
+        for begin in range(0, len(values), self.chunk):
+            piece = values[begin : begin + self.chunk]
+            if len(piece) < self.chunk:
+                piece = np.concatenate([piece, np.zeros((self.chunk - len(piece), *self.shape), self.dtype)])
+            self._id.write_direct_chunk((first + begin, *(0 for _ in self.shape)), piece, 1)
 
     def append_row(self, values: tuple[Any, ...]) -> None:
         """Write one row of a table. Raises as :meth:`append`."""

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import h5py
 
-STEP_BYTES = 1 << 20
+STEP_BYTES = 16 << 20
 """Room is taken in steps of at least so much."""
 SLACK_BYTES = 256 << 10
 """Beyond the data: for the index of chunks and new chunks of tables."""

@@ -100,8 +100,12 @@ class SessionWriter:
             ) from error
         return cls(path, partial, file, ballast, config)
 
-    def write(self, record: Record) -> None:
+    def write(self, record: Record, *, plain: bool = False) -> None:
         """Append a record. It is safe from a crash of the process once :meth:`flush` has returned.
+
+        Args:
+            record: what is written.
+            plain: leave out compression, because the writer is behind: twice as fast, and up to twice as large.
 
         Raises:
             PolfuseError: the disk is full (the session has then been closed cleanly, without this record), the record
@@ -114,7 +118,7 @@ class SessionWriter:
         except OSError as error:
             self._fail(error)
         try:
-            self._append(record)
+            self._append(record, plain=plain)
         except (OSError, RuntimeError) as error:
             self._sound = False
             self._fail(error)
@@ -285,12 +289,12 @@ class SessionWriter:
             f"{what}; everything before that is kept in {saved.name}", where=str(saved), advice=go_on.format(saved)
         ) from error
 
-    def _append(self, record: Record) -> None:
+    def _append(self, record: Record, *, plain: bool = False) -> None:
         match record:
             case Sweeps():
-                self._append_sweeps(record)
+                self._append_sweeps(record, plain)
             case Exposure():
-                self._append_exposure(record)
+                self._append_exposure(record, plain)
             case TrolleyFix() | SwitchState() | PolarizerFix() | SourceFix():
                 self._append_fix(record, layout.UNASKED)
             case Observed(state, number):
@@ -314,13 +318,13 @@ class SessionWriter:
             case SourceFix(PolarizerFix(angle_rad, sd_rad, moving, t_host_ns)):
                 self._row("source_polarizer", (angle_rad, sd_rad, moving, t_host_ns, number))
 
-    def _append_sweeps(self, record: Sweeps) -> None:
+    def _append_sweeps(self, record: Sweeps, plain: bool) -> None:
         block = record.block
         samples = self._checked_samples(block.samples)
         chunk = self._audio.chunk
         # Each record begins at a chunk's first row, so that no compressed chunk is ever written twice.
         first = -(-self._audio.items // chunk) * chunk
-        self._audio.append(samples, at=first)
+        self._audio.append(samples, at=first, plain=plain)
         self._row(
             "sweeps",
             (
@@ -341,7 +345,7 @@ class SessionWriter:
         )
         self.samples_lost += block.lost_frames
 
-    def _append_exposure(self, record: Exposure) -> None:
+    def _append_exposure(self, record: Exposure, plain: bool) -> None:
         frame = record.frame
         if self._images is None:
             raise self._misfit("it was declared without a camera and a frame arrived")
@@ -351,7 +355,7 @@ class SessionWriter:
                 f"a frame of {frame.image.shape} {frame.image.dtype} arrived where {shape} {self._images.dtype}"
                 " was declared"
             )
-        self._images.append(frame.image[np.newaxis], at=self._tables["frames"].items)
+        self._images.append(frame.image[np.newaxis], at=self._tables["frames"].items, plain=plain)
         self._row(
             "frames",
             (
