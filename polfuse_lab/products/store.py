@@ -100,6 +100,60 @@ class Products:
             finally:
                 fresh.unlink(missing_ok=True)
 
+    def adopt(
+        self,
+        fresh: Path,
+        settings: Mapping[str, Mapping[str, Any]],
+        *,
+        inputs: Sequence[Path | str],
+        scratch: str | None = None,
+    ) -> None:
+        """Make a file that holds some stages' arrays (written piece by piece) this products file, in one step.
+
+        It is given their settings and provenance and the other stages of this file. Arrays are never in memory whole.
+
+        Args:
+            fresh: an HDF5 file beside this one, with ``<stage>/arrays/<name>``; it is renamed.
+            settings: of each of its stages.
+            inputs: the files that the stages were made from.
+            scratch: a group of it that is no stage, taken out last.
+
+        Raises:
+            PolfuseError: an input that cannot be read, no space, or another writer at work; the old file is untouched.
+        """
+        with exclusive(self.path):
+            described = describe_inputs(inputs)
+            try:
+                with h5py.File(fresh, "r+") as new:
+                    new.attrs["schema"], new.attrs["version"] = SCHEMA, VERSION
+                    for name in set(new) - set(settings) - {scratch}:
+                        del new[name]  # copied by an earlier attempt
+                    for stage, values in settings.items():
+                        provenance = {
+                            "stage": stage,
+                            "inputs": described,
+                            "stages": {},
+                            "settings": plain(values),
+                            "sha256": arrays_sha256(dict(new[stage]["arrays"])),
+                            **circumstances(),
+                        }
+                        self._tell(new[stage], plain(values), provenance)
+                    for name in self.stages():
+                        if name not in new:
+                            with self._open() as old:
+                                old.copy(name, new)
+                    if scratch is not None:
+                        del new[scratch]
+                with fresh.open("rb+") as stream:
+                    os.fsync(stream.fileno())
+                os.replace(fresh, self.path)
+            except (OSError, RuntimeError) as error:
+                raise PolfuseError(
+                    f"stages {', '.join(settings)} could not be written ({error})",
+                    where=str(self.path),
+                    advice="check the space on the disk and that the folder may be written; the old file is untouched",
+                ) from error
+
     def read(self, stage: str) -> dict[str, Array]:
         """All arrays of a stage by name. Raises :class:`PolfuseError` when it is missing, naming what makes it."""
         with self._stage(stage) as group:
@@ -171,9 +225,15 @@ class Products:
                 group.create_dataset(key, data=array)
                 if key in units:
                     group[key].attrs["unit"] = units[key]
-            # Data sets, for HDF5 limits attributes to 64 KiB.
-            new[name]["settings"] = json.dumps(settings)
-            new[name]["provenance"] = json.dumps(provenance)
+            self._tell(new[name], settings, provenance)
+
+    @staticmethod
+    def _tell(group: h5py.Group, settings: Any, provenance: Mapping[str, Any]) -> None:
+        # Data sets, for HDF5 limits attributes to 64 KiB.
+        for name, values in (("settings", settings), ("provenance", provenance)):
+            if name in group:
+                del group[name]
+            group[name] = json.dumps(values)
 
     def _stage_hashes(self, writing: str) -> dict[str, str]:
         return {name: self.provenance(name)["sha256"] for name in self.stages() if name != writing}
