@@ -101,9 +101,7 @@ def _square(z: complex) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _null_vector(
-    a: float, d: complex, e: complex, b: float, f: complex, c: float
-) -> tuple[complex, complex, complex]:
+def _null_vector(a: float, d: complex, e: complex, b: float, f: complex, c: float) -> tuple[complex, complex, complex]:
     """Unit vector that a singular Hermitian matrix takes to zero: the largest column of its adjugate."""
     m11, m22, m33 = b * c - _square(f), a * c - _square(e), a * b - _square(d)
     m12, m13, m23 = e * f.conjugate() - c * d, d * f - b * e, d.conjugate() * e - a * f

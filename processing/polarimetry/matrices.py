@@ -114,9 +114,7 @@ def coherency_turned(matrix: ArrayLike, angle_rad: ArrayLike) -> Complexes:
     angle = 2 * np.asarray(angle_rad, dtype=np.float64)
     c, s = np.cos(angle), np.sin(angle)
     zero, one = np.zeros_like(c), np.ones_like(c)
-    r = np.stack(
-        [np.stack([one, zero, zero], -1), np.stack([zero, c, -s], -1), np.stack([zero, s, c], -1)], axis=-2
-    )
+    r = np.stack([np.stack([one, zero, zero], -1), np.stack([zero, c, -s], -1), np.stack([zero, s, c], -1)], axis=-2)
     return np.asarray(r @ np.asarray(matrix, dtype=np.complex128) @ np.swapaxes(r, -1, -2))
 
 
