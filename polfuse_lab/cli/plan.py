@@ -21,21 +21,28 @@ def plan(
         Path | None,
         typer.Option("--output", "-o", metavar="SESSION.h5", help="Where it would be recorded: is there room?"),
     ] = None,
+    at: Annotated[
+        float, typer.Option(min=0.1, help="Ground range for which resolution and sensitivity are told, m.")
+    ] = 10.0,
     list_: Annotated[bool, typer.Option("--list", help="List every step, as JSON in a line of its own.")] = False,
     json_: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Dry run: steps, time, file size, limits and wear of a collect; touches no device.
+    """Dry run: steps, time, file size, limits and wear of a collect, and what its image will resolve and show.
+
+    Touches no device.
 
     Example: polfuse plan rig.toml plan.toml -o session.h5
     """
     from polfuse_lab.plans import load_plan
     from polfuse_lab.plans.dry_run import dry_run
+    from polfuse_lab.plans.prediction import predict_image, prediction_lines
     from polfuse_lab.plans.step_json import steps_to_plain
     from polfuse_lab.rig import load_rig
 
-    loaded = load_plan(plan)
-    outcome = dry_run(load_rig(rig), loaded, output=Path.cwd() / "session.h5" if output is None else output)
+    loaded, meant = load_plan(plan), load_rig(rig)
+    outcome = dry_run(meant, loaded, output=Path.cwd() / "session.h5" if output is None else output)
+    image = predict_image(meant, outcome.steps, at_m=at)
     listed = steps_to_plain(outcome.steps) if list_ else []
     result(
         {
@@ -52,10 +59,11 @@ def plan(
             "switch_cycles": outcome.switch_cycles,
             "questions": outcome.questions,
             "free_bytes": outcome.free_bytes,
+            "image": image,
         }
         | ({"list": listed} if list_ else {}),
         as_json=json_,
-        text="\n".join([*_lines(outcome), *_listed(listed)]),
+        text="\n".join([*_lines(outcome), *prediction_lines(image), *_listed(listed)]),
     )
 
 

@@ -33,9 +33,14 @@ TARGETS, PIXELS, PULSES = 4, 300, 192
 NEAR_CELLS = 3.0
 
 
-@functools.lru_cache(maxsize=256)
-def filter_error(interpolator: str, oversampling: float, window: str) -> tuple[float, float]:
+@functools.lru_cache(maxsize=512)
+def filter_error(
+    interpolator: str, oversampling: float, window: str, depth_cells: float = math.inf
+) -> tuple[float, float]:
     """Relative error powers of a filter over profiles of one window: what stays in the band, and what leaves it.
+
+    Errors of frequencies near the band's edges are spread over many resolution cells of range; those that end up beyond
+    an image of ``depth_cells`` are not in it (mean over places of the target in that depth).
 
     Raises:
         DataError: unknown interpolator or window, or less than one bin per cell.
@@ -44,17 +49,20 @@ def filter_error(interpolator: str, oversampling: float, window: str) -> tuple[f
     if not (oversampling >= 1 - 1e-9 and math.isfinite(oversampling)):
         raise DataError(f"{oversampling:g} range bins per cell lose information", "range with an oversampling of 2 up")
     part = (np.arange(FREQUENCIES) + 0.5) / FREQUENCIES - 0.5
-    power = window_weights(window, part, 1e9) ** 2
-    power /= power.sum()
+    spectrum = window_weights(window, part, 1e9)
     cycles = part / max(oversampling, 1.0)
     w = (np.arange(PLACES) + 0.5) / PLACES
     taps = tap_weights(interpolator, w, oversampling)
     bins = np.arange(1 - taps.shape[1] // 2, taps.shape[1] // 2 + 1)
-    # What the filter makes of each frequency, over what it should be.
+    # What the filter makes of each frequency, over what it should be; in range, whole cells around the target.
     error = taps @ np.exp(2j * np.pi * np.outer(bins, cycles)) * np.exp(-2j * np.pi * np.outer(w, cycles)) - 1
-    own = float(np.abs(error.mean(axis=0)) ** 2 @ power)
-    total = float(np.mean(np.abs(error) ** 2, axis=0) @ power)
-    return own, max(total - own, 0.0)
+    own = error.mean(axis=0)
+    seen = np.clip(1 - np.abs(np.fft.fftfreq(FREQUENCIES, 1 / FREQUENCIES)) / depth_cells, 0.0, 1.0)
+    powers = [
+        float(np.mean(np.abs(np.fft.ifft(part_of * spectrum, axis=-1)) ** 2 @ seen))
+        for part_of in (np.ones((1, FREQUENCIES)), own[None], error - own)
+    ]
+    return powers[1] / powers[0], powers[2] / powers[0]
 
 
 def ghost_share(
@@ -125,6 +133,7 @@ def predicted_error_db(
     share: float = 1.0,
     *,
     floor_db: float = ARITHMETIC_DB,
+    depth_cells: float = math.inf,
 ) -> float:
     """Expected error of back-projection, dB: root mean square over the image, relative to the exact matched filter.
 
@@ -134,9 +143,10 @@ def predicted_error_db(
         window: over the ramp.
         share: of the ghosts that stay in the image, see :func:`ghost_share`; 1 is the worst.
         floor_db: error of the arithmetic.
+        depth_cells: ranges within the image, resolution cells.
 
     Raises:
         DataError: unknown interpolator or window, or less than one bin per cell.
     """
-    own, ghosts = filter_error(interpolator, round(float(oversampling), 6), window)
+    own, ghosts = filter_error(interpolator, round(float(oversampling), 6), window, depth_cells)
     return 10 * math.log10(own + share * ghosts + 10 ** (floor_db / 10))

@@ -42,10 +42,14 @@ MIGRATION_ANGLES_DEG = (40.0, 71.0, 80.0, 90.0)
 MIGRATION_ERROR_DB = {False: (-65.0, -61.0, -55.0, 0.0), True: (-64.0, -50.0, -34.0, 0.0)}
 """Bounds of range migration's error, dB, without and with compensation of the antennas' pattern."""
 
-MIGRATION_TYPICAL_DB = {False: (-88.0, -61.0, -55.0, 0.0), True: (-66.0, -52.0, -36.0, 0.0)}
-"""Its error as expected, dB."""
+MIGRATION_TYPICAL_ANGLES_DEG = (35.0, 45.0, 71.0, 80.0, 90.0)
+MIGRATION_TYPICAL_DB = {False: (-88.0, -78.0, -61.0, -55.0, 0.0), True: (-66.0, -60.0, -50.0, -34.0, 0.0)}
+"""Its error as expected at these angles, dB."""
 
-FACTORIZED_TYPICAL_DB = {8: -6.5, 12: -3.0}
+MIGRATION_WINDOW_DB = -5.0
+"""By how much a window over the ramp lowers it where nothing but spectral leakage is left, up to the first angle."""
+
+FACTORIZED_TYPICAL_DB = {8: -5.5, 12: -3.0}
 """What is measured of factorized back-projection over the bound that its settings are chosen by, dB, by the taps of its
 interpolation along the angle."""
 
@@ -100,6 +104,16 @@ class Task:
         depth = self.furthest_m if self.depth_m is None else self.depth_m
         return depth * 2 * self.bandwidth_hz / SPEED_OF_LIGHT_M_S
 
+    @property
+    def image_cells(self) -> float:
+        """Resolution cells of range in the image as its middle position sees it; infinite where that is not known."""
+        if self.antenna_m is None or self.grid is None:
+            return math.inf
+        x, y = (np.linspace(axis.min(), axis.max(), 9) for axis in (self.grid.x_m, self.grid.y_m))
+        middle = np.mean(self.antenna_m, axis=0)
+        away = np.sqrt((x - middle[0]) ** 2 + (y[:, None] - middle[1]) ** 2 + (self.grid.z_m - middle[2]) ** 2)
+        return max(float(np.ptp(away)) * 2 * self.bandwidth_hz / SPEED_OF_LIGHT_M_S, 1.0)
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -138,8 +152,13 @@ def backprojection_error_db(interpolator: str, oversampling: float) -> float:
 
 def migration_error_db(task: Task, *, bound: bool = False) -> float:
     """Expected error of range migration (or its bound), dB: its own by angle, and that of uneven positions."""
-    table = MIGRATION_ERROR_DB if bound else MIGRATION_TYPICAL_DB
-    own = np.interp(math.degrees(task.widest_rad), MIGRATION_ANGLES_DEG, table[task.compensated])
+    angle = math.degrees(task.widest_rad)
+    if bound:
+        own = np.interp(angle, MIGRATION_ANGLES_DEG, MIGRATION_ERROR_DB[task.compensated])
+    else:
+        own = np.interp(angle, MIGRATION_TYPICAL_ANGLES_DEG, MIGRATION_TYPICAL_DB[task.compensated])
+        if task.window != "rectangular" and not task.compensated and angle <= MIGRATION_TYPICAL_ANGLES_DEG[0]:
+            own += MIGRATION_WINDOW_DB
     uneven = 4 * math.pi / task.wavelength_m * (task.residual_m or 0.0)
     return float(10 * np.log10(10 ** (own / 10) + uneven**2))
 
@@ -159,7 +178,7 @@ def choices(task: Task, tolerance_db: float = -50.0, method: str = "auto") -> li
         bins = oversampling * task.cells
         ranging = 1e-9 * RANGING_NS * bins * task.pulses * task.channels
         for interpolator in BACKPROJECTION_NS:
-            error = predicted_error_db(interpolator, oversampling, task.window, share)
+            error = predicted_error_db(interpolator, oversampling, task.window, share, depth_cells=task.image_cells)
             seconds = backprojection_seconds(
                 interpolator, pixels=task.pixels, pulses=task.pulses, channels=task.channels,
                 bins=bins, compensated=task.compensated,
@@ -276,7 +295,9 @@ def _time(seconds: float) -> str:
 def _reference(task: Task) -> Choice:
     oversampling = task.oversampling if task.oversampling is not None else max(task.oversamplings)
     share = _share(task, oversampling, {})
-    error = predicted_error_db("sinc16", oversampling, task.window, share, floor_db=REFERENCE_FLOOR_DB)
+    error = predicted_error_db(
+        "sinc16", oversampling, task.window, share, floor_db=REFERENCE_FLOOR_DB, depth_cells=task.image_cells
+    )
     seconds = 1e-9 * REFERENCE_NS * task.pixels * task.pulses * task.channels
     return Choice("reference", "sinc16", error, seconds, "", oversampling)
 
