@@ -127,7 +127,8 @@ class Server:
             case protocol.Resume():
                 self._scheduler.control.resume()
             case protocol.AddNote(text):
-                self._scheduler.note(text)
+                if not self._scheduler.note(text):
+                    self._send(identity, protocol.Refused("the collect has ended: the note was not kept"))
             case protocol.Answer(ticket):
                 if not self._scheduler.prompts.answer(ticket):
                     self._send(identity, protocol.Refused(f"prompt {ticket} is not open"))

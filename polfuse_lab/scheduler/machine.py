@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,13 +15,13 @@ from polfuse_lab.plans.costs import largest_record_frames
 from polfuse_lab.plans.dry_run import DryRun, dry_run, step_seconds
 from polfuse_lab.plans.step_json import steps_to_plain
 from polfuse_lab.plans.steps import Checkpoint, Step
-from polfuse_lab.records import Event, Note, Record
 from polfuse_lab.rig import Rig
 from polfuse_lab.scheduler.actions import Actions
 from polfuse_lab.scheduler.clock_watch import ClockWatch
 from polfuse_lab.scheduler.control import Aborted, Control
 from polfuse_lab.scheduler.describe import describe
 from polfuse_lab.scheduler.devices import DeviceSet, make_devices
+from polfuse_lab.scheduler.keeping import Keeper
 from polfuse_lab.scheduler.passes import PassPaused
 from polfuse_lab.scheduler.prompts import Prompts
 from polfuse_lab.scheduler.recovery import Recovery
@@ -31,10 +30,6 @@ from polfuse_lab.scheduler.status import Outcome, RunState, RunStatus
 from polfuse_lab.session.layout import STEPS, SessionConfig
 from polfuse_lab.session.naming import check_free_name, partial_path
 from processing.errors import DataError
-
-FLUSH_S = 30.0
-LAST_WORDS_S = 10.0
-"""Longest wait for room in the writer's queue for what tells how the run ended."""
 
 
 class Scheduler:
@@ -69,17 +64,13 @@ class Scheduler:
         self._texts = (rig_toml, plan_toml)
         # Whoever looks at the records looks for ranges, which there are none of in CW.
         self._viewer = None if plan.continuous_wave else viewer
+        self._keeper = Keeper(recorder, self._viewer, self.control.slice, output)
         self._on_change = on_change
         self._make_devices = devices
         self._lock = threading.Lock()
         self._status = RunStatus()
-        self._notes: list[Note] = []
-        self._unkept: deque[Record] = deque()
-        """Records that wait for room in the recorder's queue, oldest first."""
         self._began = time.monotonic()
         self._recording = False
-        self._flushing: int | None = None
-        """Ticket of the flush that the last checkpoint began, until it is confirmed."""
         self._unsafe: tuple[str, ...] = ()
         self._devices: DeviceSet | None = None
         self._actions: Actions | None = None
@@ -96,10 +87,9 @@ class Scheduler:
         """Devices that did not confirm their safe state at the end, one sentence each."""
         return self._unsafe
 
-    def note(self, text: str) -> None:
-        """Add a remark to the session."""
-        with self._lock:
-            self._notes.append(Note(text, time.monotonic_ns()))
+    def note(self, text: str) -> bool:
+        """Add a remark to the session; False when it comes too late, after the last record."""
+        return self._keeper.note(text)
 
     def run(self) -> Outcome:
         """Carry out the plan. Never raises: how it ended is in the outcome."""
@@ -130,8 +120,8 @@ class Scheduler:
         self._devices = self._make_devices(self._rig, self._rig_path, self.prompts, self.control, optics=optics)
         self._devices.open_all()
         self._enter(RunState.PREPARING, "listening to the radar")
-        self._actions = Actions(self._rig, self._plan, self._devices, self.control, self.prompts, self._keep)
-        self._clocks = ClockWatch(self._devices, self._keep)
+        self._actions = Actions(self._rig, self._plan, self._devices, self.control, self.prompts, self._keeper.keep)
+        self._clocks = ClockWatch(self._devices, self._keeper.keep)
         self._recovery = Recovery(
             self._devices, self._plan, self.control, self.prompts, lambda text: self._enter(RunState.PAUSED, text)
         )
@@ -183,7 +173,7 @@ class Scheduler:
                 self._devices.failed = None
                 self._actions.do(step)
                 if isinstance(step, Checkpoint):
-                    self._begin_flush()
+                    self._keeper.begin_flush()
             except PassPaused:
                 self._pause(f"in step {index + 1}")
                 # Also where the pass was all that has been done since the checkpoint: it is not done.
@@ -195,7 +185,7 @@ class Scheduler:
                 self._recover(error, index)
                 paused_s += time.monotonic() - before
                 self._actions.repeat()
-                self._event("resumed", f"repeating from step {checkpoint + 1}")
+                self._keeper.event("resumed", f"repeating from step {checkpoint + 1}")
                 index = checkpoint
                 continue
             expected_done += times[index]
@@ -208,7 +198,7 @@ class Scheduler:
         except DeviceError as error:
             # All has been recorded: a device that is lost now costs its last clock fix, not the collect.
             self._actions.warn(f"the last clock fix is missing: {error}")
-        self._flush()
+        self._keeper.flush()
         self._set(eta_s=0.0)
 
     def _recover(self, error: DeviceError, index: int) -> None:
@@ -221,9 +211,9 @@ class Scheduler:
         clocks, self._clocks = self._clocks, None  # no questions to a device that is away
         try:
             self._enter(RunState.PAUSED, f"{kind} lost: {error}")
-            self._event("lost", f"{kind} in step {index + 1}: {error}")
-            self._flush()
-            self._event("back", self._recovery.bring_back(kind, error, self._actions.last_fix))
+            self._keeper.event("lost", f"{kind} in step {index + 1}: {error}")
+            self._keeper.flush()
+            self._keeper.event("back", self._recovery.bring_back(kind, error, self._actions.last_fix))
         finally:
             self._clocks = clocks
         if clocks is not None:
@@ -231,9 +221,9 @@ class Scheduler:
 
     def _pause(self, where: str) -> None:
         # First: where a run goes on from is on the disk before anybody is told that it is safe to walk away.
-        self._confirm()
+        self._keeper.confirm()
         self._enter(RunState.PAUSED, "paused by the user")
-        self._event("paused", f"paused by the user {where}")
+        self._keeper.event("paused", f"paused by the user {where}")
         while self.control.pausing:
             self.control.slice()
 
@@ -242,68 +232,15 @@ class Scheduler:
         assert self._actions is not None
         if begun or index != checkpoint:
             self._actions.repeat()
-            self._event("resumed", f"repeating from step {checkpoint + 1} since the collect was paused")
+            self._keeper.event("resumed", f"repeating from step {checkpoint + 1} since the collect was paused")
         return checkpoint
-
-    def _begin_flush(self) -> None:
-        """At a checkpoint: bring everything to the disk while the next position is approached.
-
-        The flush of the checkpoint before is confirmed first, so that at most one position is not on the disk.
-        """
-        self._confirm()
-        self._drain_notes()
-        self._flushing = self._recorder.flush()
-
-    def _flush(self) -> None:
-        """Bring everything to the disk and wait until it is there."""
-        self._begin_flush()
-        self._confirm()
-
-    def _confirm(self) -> None:
-        """Wait until what the last flush brings to the disk is there. Raises :class:`PolfuseError` when it is not."""
-        if self._flushing is None:
-            return
-        end = time.monotonic() + FLUSH_S
-        while not self._recorder.flushed(self._flushing):
-            self.control.slice()
-            if time.monotonic() > end:
-                raise PolfuseError(
-                    f"the disk did not finish writing within {FLUSH_S:.0f} s",
-                    where=str(self._output),
-                    advice="check the disk",
-                )
-        self._flushing = None
-
-    def _keep(self, record: Record) -> None:
-        """Give a record to the session (waiting while its queue is full) and to the viewer."""
-        if self._viewer is not None:
-            self._viewer.offer(record)
-        self._unkept.append(record)
-        # One that an abort or a lost device keeps from the queue is first in line when there is room again.
-        while self._unkept:
-            if self._recorder.offer(self._unkept[0]):
-                self._unkept.popleft()
-            else:
-                self.control.slice()
-
-    def _event(self, kind: str, text: str) -> None:
-        self._keep(Event(kind, text, time.monotonic_ns()))
-
-    def _drain_notes(self) -> None:
-        with self._lock:
-            notes, self._notes = self._notes, []
-        for number, note in enumerate(notes):
-            if not self._recorder.offer(note):
-                with self._lock:
-                    self._notes[:0] = notes[number:]
-                return
 
     def _tick(self) -> None:
         """What goes on during every wait: the writer's and the viewer's word, clock fixes, the elapsed time."""
         if self._recording:
             if self._recorder.failure is not None:
                 raise self._recorder.failure
-            self._drain_notes()
+            self._keeper.drain_notes()
             if self._clocks is not None:
                 self._clocks.tick()
         if self._viewer is not None and self._viewer.fatal is not None:
@@ -331,7 +268,7 @@ class Scheduler:
         if self._recording:
             self._recording = False
             try:
-                self._finish_records(state, reason, troubles)
+                self._keeper.finish(state, reason, troubles)
                 session = self._recorder.close(state, reason)
             except PolfuseError as error:
                 # What the writer says of its own end (disk full, killed) is the reason, not a consequence of it.
@@ -358,28 +295,6 @@ class Scheduler:
         self._set(warnings=outcome.warnings)
         self._enter(RunState.FINISHED, reason)
         return outcome
-
-    def _finish_records(self, state: str, reason: str, troubles: list[str]) -> None:
-        """Keep the last notes and how the run ended, waiting for room in the writer's queue.
-
-        Raises:
-            PolfuseError: the writer failed, or made no room.
-        """
-        with self._lock:
-            last: list[Record] = [*self._unkept, *self._notes]
-            self._notes = []
-        last += [Event("unsafe", text, time.monotonic_ns()) for text in troubles]
-        last.append(Event(state, reason, time.monotonic_ns()))
-        end = time.monotonic() + LAST_WORDS_S
-        for record in last:
-            while not self._recorder.offer(record):
-                if time.monotonic() > end:
-                    raise PolfuseError(
-                        f"the disk took nothing for {LAST_WORDS_S:.0f} s at the end",
-                        where=str(self._output),
-                        advice="check the disk; everything before that is in the file",
-                    )
-                time.sleep(0.01)
 
     def _enter(self, state: RunState, reason: str) -> None:
         self._count()

@@ -87,10 +87,11 @@ def test_pause_finishes_the_step_and_resume_repeats_from_the_checkpoint(bench):
     paused = run.until(lambda s: s.state == "paused")
     time.sleep(0.3)
     assert run.scheduler.status().sweeps == paused.sweeps
-    run.scheduler.note("wind from the left")
+    assert run.scheduler.note("wind from the left")
     run.scheduler.control.resume()
     outcome = run.wait()
     assert outcome.state == "finished"
+    assert not run.scheduler.note("too late")
     with open_session(bench.session) as session:
         rows = session.sweeps
         repeated = rows[(rows["flags"] & int(SweepFlag.REPEATED)) > 0]

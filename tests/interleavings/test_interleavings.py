@@ -24,6 +24,7 @@ from polfuse_lab.plans.steps import Step
 from polfuse_lab.records import SweepFlag, Sweeps
 from polfuse_lab.scheduler import Control, Scheduler
 from polfuse_lab.scheduler.devices import DeviceSet
+from polfuse_lab.scheduler.keeping import Keeper
 
 EXAMPLES = int(os.environ.get("POLFUSE_INTERLEAVINGS", "30"))
 
@@ -122,7 +123,7 @@ def goes_on_from_the_step(monkeypatch):
 
 
 def goes_back_unconfirmed(monkeypatch):
-    monkeypatch.setattr(Scheduler, "_confirm", lambda self: None)
+    monkeypatch.setattr(Keeper, "confirm", lambda self: None)
 
 
 DEFECTS = {

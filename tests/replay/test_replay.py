@@ -18,7 +18,8 @@ from polfuse_lab.errors import PolfuseError
 from polfuse_lab.live import LivePipeline
 from polfuse_lab.records import SweepFlag
 from polfuse_lab.replay import FASTEST, Player, ReplayClock, compare_sessions, replay
-from polfuse_lab.scheduler import Scheduler, clock_watch
+from polfuse_lab.scheduler import clock_watch
+from polfuse_lab.scheduler.keeping import Keeper
 from polfuse_lab.session import open_session
 
 
@@ -189,7 +190,7 @@ def test_device_lost_while_a_checkpoint_is_saved(bench, monkeypatch):
     bench.write()
     monkeypatch.setattr(clock_watch, "CLOCK_AFTER_S", (0.01,))
     waiting, asked = [], []
-    flushed, clock, drain = WriterProcess.flushed, fake_devices.Radar.clock, Scheduler._begin_flush
+    flushed, clock, drain = WriterProcess.flushed, fake_devices.Radar.clock, Keeper.begin_flush
 
     def checkpoint(self):
         waiting.append(1)
@@ -201,7 +202,7 @@ def test_device_lost_while_a_checkpoint_is_saved(bench, monkeypatch):
             raise DeviceLost("silent", where="fake radar", advice="plug it in")
         return clock(self)
 
-    monkeypatch.setattr(Scheduler, "_begin_flush", checkpoint)
+    monkeypatch.setattr(Keeper, "begin_flush", checkpoint)
     # The first flush is confirmed only once the radar has been lost.
     monkeypatch.setattr(
         WriterProcess, "flushed", lambda self, t: flushed(self, t) and (len(waiting) != 2 or bool(asked))
