@@ -4,38 +4,48 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.focus_history import focus_history, holds_history, read_history, scene_grid
+from polfuse_lab.products.focus_parts import (
+    Span,
+    along_the_rail,
+    focus_settings,
+    furthest_m,
+    ranging_settings,
+    step_m,
+    strongest_peaks,
+    warnings_of,
+)
+from polfuse_lab.products.focus_plan import refocus, task_before, task_of
 from polfuse_lab.products.focus_result import FocusResult
-from polfuse_lab.products.forming import form_channels, own_positions, position_weights
+from polfuse_lab.products.forming import form_channels, position_weights
 from polfuse_lab.products.ranging import range_profiles
 from polfuse_lab.products.store import Products
 from polfuse_lab.products.visits import target_positions
 from polfuse_lab.session import Session, open_session
 from polfuse_lab.session.runs import gapless_runs
-from processing.errors import DataError
 from processing.radar.profiles import RangeProfiles
 from processing.sar.aperture import (
     alias_free_angle_rad,
-    even_track,
-    grating_lobe_warning,
-    widest_angle_rad,
 )
 from processing.sar.footprint import ImageFlag, footprint_flags
 from processing.sar.grid import ImageGrid
-from processing.sar.planner import Choice, Task, choose
-from processing.sar.quality import Peak, find_peaks
+from processing.sar.planner import choose, explain
 from processing.sar.resolution import point_resolution
+
+if TYPE_CHECKING:
+    from polfuse_lab.scale.focus_tiles import Scale
 
 DEFAULT_X_M = (-8.0, 8.0)
 DEFAULT_Y_M = (3.0, 20.0)
+MOST_PIXELS = 10_000_000_000
+"""Pixels of an image, at most: beyond is a slip of the pen."""
 PIXELS_PER_CELL = 4
 """Pixels in the narrowest -3 dB width of the grid, at least."""
 FAR_MARGIN_CELLS = 10
@@ -82,9 +92,11 @@ def default_grid(
             f"pixels of {step_m[0]:g} x {step_m[1]:g} m", where="image grid", advice="give positive sizes"
         )
     counts = [math.floor((b - a) / step + 1e-9) + 1 for (a, b), step in zip((x_m, y_m), step_m, strict=True)]
-    if counts[0] * counts[1] > 50_000_000:
+    if counts[0] * counts[1] > MOST_PIXELS:
         raise PolfuseError(
-            f"{counts[0]} x {counts[1]} pixels do not fit in memory", where="image grid", advice="give larger pixels"
+            f"{counts[0]} x {counts[1]} pixels are more than {MOST_PIXELS:.0e}",
+            where="image grid",
+            advice="give larger pixels",
         )
     x, y = (
         a + step * np.arange(n, dtype=np.float64) for a, step, n in zip((x_m[0], y_m[0]), step_m, counts, strict=True)
@@ -123,6 +135,8 @@ def focus(
     sky: Path | str | None = None,
     peaks: int = 10,
     target: str | None = None,
+    autofocus: str | None = None,
+    scale: Scale | None = None,
 ) -> FocusResult:
     """Focus a session and write stages "ranging" and "focus" of a products file.
 
@@ -139,11 +153,15 @@ def focus(
             ``"taylor"`` where left out.
         aperture: window along the aperture, same names; ``"rectangular"`` where left out, of a phase history
             ``"taylor"``.
-        oversampling: range bins per resolution cell; 8 where left out, of a phase history 4.
+        oversampling: range bins per resolution cell; the planner's choice where left out, of a phase history 4.
         compensate_pattern: whether to divide by the antennas' two-way pattern (the rig file's beam width and angle).
         sky: session of the clear sky, whose mean profile (coupling between the antennas) is taken off.
         peaks: how many of the strongest peaks to report.
         target: in a calibration series, the name of the target whose records are focused.
+        autofocus: ``"auto"``, ``"phase-gradient"``, ``"minimum-entropy"`` or ``"track"``: correct errors along the
+            aperture where that does good, see :mod:`processing.sar.autofocus`; no autofocus where left out.
+        scale: form the image in tiles, within a limit of memory or on several processes
+            (:func:`polfuse_lab.scale.focus_tiles.focus_in_tiles`); where left out, where memory is short.
 
     Raises:
         PolfuseError: the session cannot be focused (no rig, one position, nothing usable), or files fail.
@@ -164,28 +182,71 @@ def focus(
                 sky=sky,
                 peaks=peaks,
                 target=target,
+                autofocus=autofocus,
+                scale=scale,
             )
     if holds_history(session):
+        if scale is not None:
+            raise PolfuseError(
+                "holds a phase history, which is focused in one piece",
+                where=str(session.path),
+                advice="leave limits of memory, tiles and --dask out",
+            )
         if sky is not None or target is not None:
             raise PolfuseError(
                 "holds a phase history, which has no sky session and no calibration targets", where=str(session.path),
                 advice="leave these options out",
             )  # fmt: skip
+        if autofocus is not None:
+            raise PolfuseError(
+                "holds a phase history, which is focused with the places that its import told",
+                where=str(session.path),
+                advice="leave --autofocus out",
+            )
         given = {"window": window, "aperture": aperture, "oversampling": oversampling}
         chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
         return focus_history(
             session, products_path, method=method, tolerance_db=tolerance_db, grid=grid, peaks=peaks, **chosen
         )
-    window, aperture, oversampling = window or "hann", aperture or "rectangular", oversampling or 8
+    window, aperture = window or "hann", aperture or "rectangular"
     begun = time.perf_counter()
     grid = default_grid(session) if grid is None else grid
     rig = session.rig
     if rig is None:
         raise PolfuseError("has no rig file", where=str(session.path), advice="focus a session collected along a rail")
+    from polfuse_lab.scale import focus_tiles, plan
+
+    if scale is None and method in ("auto", "bp") and autofocus is None and plan.needs_tiles(session, grid):
+        scale = focus_tiles.Scale()
+    if scale is not None:
+        if autofocus is not None:
+            raise PolfuseError(
+                "autofocus looks at the whole image at once",
+                where="autofocus",
+                advice="leave it out, or focus in one piece",
+            )
+        return focus_tiles.focus_in_tiles(
+            session,
+            products_path,
+            grid,
+            scale,
+            method=method,
+            tolerance_db=tolerance_db,
+            window=window,
+            aperture=aperture,
+            oversampling=oversampling,
+            compensate_pattern=compensate_pattern,
+            sky=sky,
+            peaks=peaks,
+            target=target,
+        )
+    if oversampling is None:
+        ahead = task_before(session, grid, window, compensate_pattern, furthest_m(session, grid))
+        oversampling = round(choose(ahead, tolerance_db, method).oversampling)
     ranging: dict[str, Any] = {
         "window": window,
         "oversampling": oversampling,
-        "max_range_m": _furthest(session, grid) + FAR_MARGIN_CELLS * rig.waveform.range_resolution_m,
+        "max_range_m": furthest_m(session, grid) + FAR_MARGIN_CELLS * rig.waveform.range_resolution_m,
         "range_compensated": True,
     }
     options = dict(ranging)
@@ -193,139 +254,56 @@ def focus(
         options["reference"] = range_profiles(sky, **{**ranging, "range_compensated": False})
         options["coupling"] = "reference"
     positions = None if target is None else target_positions(session, target)
-    profiles = _along_the_rail(range_profiles(session, **options, positions=positions), session)
+    profiles = along_the_rail(range_profiles(session, **options, positions=positions), session)
     beamwidth = math.radians(rig.geometry.beamwidth_deg) if compensate_pattern else None
     depression = math.radians(rig.geometry.antenna_elevation_deg)
-    choice = choose(_task(profiles, grid, oversampling, beamwidth is not None), tolerance_db, method)
     weights = position_weights(profiles, aperture, passes=bool(gapless_runs(session)))
+    refocused = refocus(profiles, grid, weights, autofocus, beamwidth, depression)
+    profiles = refocused.profiles
+    task = task_of(profiles, grid, oversampling, beamwidth is not None)
+    choice = choose(task, tolerance_db, method)
     image = form_channels(profiles, grid, choice, weights, beamwidth, depression)
     flags = footprint_flags(
         grid,
         beamwidth_rad=beamwidth,
         depression_rad=depression,
-        alias_free_rad=alias_free_angle_rad(_step(profiles), profiles.wavelength_m),
+        alias_free_rad=alias_free_angle_rad(step_m(profiles), profiles.wavelength_m),
         undefined=~np.isfinite(image).all(axis=0),
     )
     image[:, (flags & ImageFlag.OUTSIDE_BEAM) != 0] = np.nan
-    warnings = _warnings(profiles, grid, choice, tolerance_db)
-    settings: dict[str, Any] = {
-        "channels": list(profiles.channels),
-        "z_m": grid.z_m,
-        "method": choice.method,
-        "interpolator": choice.interpolator,
-        "reason": choice.reason,
-        "tolerance_db": tolerance_db,
-        "predicted_error_db": choice.predicted_error_db,
-        "window": window,
-        "target": target,
-        "aperture_window": aperture,
-        "aperture_weights": weights.tolist(),
-        "flags": {flag.name: flag.value for flag in ImageFlag},
-        "oversampling": oversampling,
-        "range_compensated": True,
-        "beamwidth_rad": beamwidth,
-        "depression_rad": depression,
-        "centre_hz": profiles.centre_hz,
-        "bandwidth_hz": profiles.bandwidth_hz,
-        "warnings": warnings,
-    }
-    ranging |= {
-        "channels": list(profiles.channels),
-        "coupling": "none" if sky is None else "reference",
-        "centre_hz": profiles.centre_hz,
-        "bandwidth_hz": profiles.bandwidth_hz,
-        "sync": session.sync.summary(),
-    }
+    warnings = warnings_of(profiles, grid, choice, tolerance_db) + refocused.warnings
+    settings = focus_settings(
+        profiles,
+        grid,
+        choice,
+        weights,
+        window=window,
+        aperture=aperture,
+        oversampling=oversampling,
+        tolerance_db=tolerance_db,
+        target=target,
+        beamwidth_rad=beamwidth,
+        depression_rad=depression,
+        warnings=warnings,
+        autofocus=refocused.told,
+    )
+    ranging |= ranging_settings(profiles, session, sky is not None)
     inputs = [session.path] if sky is None else [session.path, Path(sky)]
     _write(Products(products_path), profiles, grid, image, flags, ranging, settings, inputs)
-    strongest = _peaks(image, grid, profiles, peaks)
+    strongest = strongest_peaks(Span(image), grid, profiles, peaks)
     return FocusResult(
         products=Path(products_path),
         image=image,
         grid=grid,
         channels=profiles.channels,
         choice=choice,
+        explanation=tuple(explain(task, choice, tolerance_db)),
         settings=settings,
         pulses=len(profiles.antenna_m),
         seconds=time.perf_counter() - begun,
         peaks=strongest,
         warnings=warnings,
     )
-
-
-def _furthest(session: Session, grid: ImageGrid) -> float:
-    x = np.asarray(session.sweeps["x_m"], dtype=np.float64)
-    if not x.size or not np.isfinite(x).all():
-        raise PolfuseError(
-            "holds no sweeps with known positions", where=str(session.path), advice="collect along the rail first"
-        )
-    aside = max(float(grid.x_m.max() - x.min()), float(x.max() - grid.x_m.min()), 0.0)
-    return math.sqrt(aside**2 + float(np.max(np.abs(grid.y_m))) ** 2 + grid.z_m**2)
-
-
-def _along_the_rail(profiles: RangeProfiles, session: Session) -> RangeProfiles:
-    """Positions in the order of x, so that a window along the aperture meets them in their place."""
-    x = profiles.antenna_m[:, 0]
-    if len(np.unique(x)) < 2:
-        raise PolfuseError(
-            f"has {len(x)} position{'s' if len(x) > 1 else ''} at one place, which is no aperture",
-            where=str(session.path),
-            advice="collect at several positions along the rail",
-        )
-    order = np.argsort(x, kind="stable")
-    noise = None if profiles.noise is None else profiles.noise[:, order]
-    return replace(profiles, values=profiles.values[:, order], antenna_m=profiles.antenna_m[order], noise=noise)
-
-
-def _task(profiles: RangeProfiles, grid: ImageGrid, oversampling: int, compensated: bool) -> Task:
-    try:
-        residual: float | None = even_track(profiles.antenna_m).residual_m
-    except DataError:
-        residual = None
-    widest = widest_angle_rad(profiles.antenna_m, grid)
-    return Task(
-        pixels=grid.shape[0] * grid.shape[1],
-        pulses=len(profiles.antenna_m),
-        channels=len(profiles.channels),
-        oversampling=oversampling,
-        wavelength_m=profiles.wavelength_m,
-        furthest_m=float(profiles.range_m[-1]),
-        widest_rad=widest,
-        residual_m=residual,
-        compensated=compensated,
-    )
-
-
-def _step(profiles: RangeProfiles) -> float:
-    """From one position to the next in the channel that has the fewest."""
-    present = ~np.isnan(profiles.values).all(axis=2)
-    x = [np.unique(profiles.antenna_m[own, 0]) for own in present]
-    return max(float(np.median(np.diff(places))) for places in x if len(places) > 1)
-
-
-def _warnings(profiles: RangeProfiles, grid: ImageGrid, choice: Choice, tolerance_db: float) -> list[str]:
-    found = []
-    if lobes := grating_lobe_warning(_step(profiles), profiles.wavelength_m, profiles.antenna_m, grid):
-        found.append(lobes)
-    alone = own_positions(profiles) is not None
-    missing = np.isnan(profiles.values).all(axis=2).sum(axis=1) * (not alone)
-    for name, count in zip(profiles.channels, missing, strict=True):
-        if count:
-            found.append(f"channel {name} misses {count} of {len(profiles.antenna_m)} positions")
-    if choice.predicted_error_db > tolerance_db:
-        found.append(f"the error expected, {choice.predicted_error_db:.0f} dB, is above {tolerance_db:g} dB")
-    return found
-
-
-def _peaks(image: NDArray[np.complexfloating], grid: ImageGrid, profiles: RangeProfiles, count: int) -> list[Peak]:
-    span = np.sqrt(np.sum(np.abs(image.astype(np.complex128)) ** 2, axis=0))
-    middle = (float(np.mean(profiles.antenna_m[:, 0])), float(np.median(grid.y_m)), grid.z_m)
-    cell = point_resolution(
-        profiles.antenna_m, middle, centre_hz=profiles.centre_hz, bandwidth_hz=profiles.bandwidth_hz
-    )
-    # Hann's main lobe is four widths of the unweighted cell from null to null; what is nearer is the same target.
-    separation = (2 * min(cell.x_m, 1.0), 2 * min(cell.y_m, 2 * profiles.resolution_m))
-    return find_peaks(span, grid, count, separation_m=separation, range_compensated=profiles.range_compensated)
 
 
 def _write(

@@ -16,7 +16,7 @@ from polfuse_lab.session import Session
 from processing.radar.profiles import RangeProfiles
 from processing.sar.aperture import grating_lobe_warning
 from processing.sar.footprint import ImageFlag
-from processing.sar.grid import ImageGrid
+from processing.sar.grid import ImageGrid, check_grid
 from processing.sar.planner import Choice
 from processing.sar.quality import Peak, Rows, find_peaks
 from processing.sar.resolution import point_resolution
@@ -77,7 +77,13 @@ def ranging_settings(profiles: RangeProfiles, session: Session, coupling_taken_o
 
 
 def furthest_m(session: Session, grid: ImageGrid) -> float:
-    """Largest range from any position to any pixel. Raises :class:`PolfuseError` where positions are not known."""
+    """Largest range from any position to any pixel.
+
+    Raises:
+        PolfuseError: positions are not known.
+        DataError: the grid is empty.
+    """
+    check_grid(grid)
     x = np.asarray(session.sweeps["x_m"], dtype=np.float64)
     if not x.size or not np.isfinite(x).all():
         raise PolfuseError(

@@ -31,6 +31,8 @@ class FocusResult:
     peaks: list[Peak]
     """Of the span (root of the sum of the channels' powers), strongest first."""
     warnings: list[str]
+    explanation: tuple[str, ...] = ()
+    """The planner's choice in words, line by line."""
 
     @property
     def pixels(self) -> int:

@@ -63,8 +63,9 @@ def samples(x, targets, channel, seconds=0.125, start=300.25):
     return np.stack([beat, 0.8 * (2 * edges - 1)], axis=1).astype(np.float32)
 
 
-def write_session(path, targets, positions, channels=tuple(Channel), *, rig=RIG, plan=None, skip=()):
-    """A finished session; ``skip`` holds (channel, position) pairs that were not recorded."""
+def write_session(path, targets, positions, channels=tuple(Channel), *, rig=RIG, plan=None, skip=(), told=None):
+    """A finished session; ``skip`` holds (channel, position) pairs that were not recorded, ``told`` where the trolley
+    was thought to be."""
     waveform = Waveform(centre_hz=CENTRE_HZ, bandwidth_hz=BANDWIDTH_HZ, ramp_up_s=0.02, sweep_period_s=0.04)
     config = SessionConfig("collect", waveform, RATE_HZ, sample_dtype="float32", rig_toml=rig, plan_toml=plan)
     with SessionWriter.create(path, config, ballast_bytes=0) as writer:
@@ -73,5 +74,6 @@ def write_session(path, targets, positions, channels=tuple(Channel), *, rig=RIG,
                 if (channel, position) in skip:
                     continue
                 block = AudioBlock(samples(x, targets, channel), RATE_HZ, 0, 0.0, position * 1_000_000)
-                writer.write(Sweeps(block, channel, position, x_m=float(x), sweeps_requested=2))
+                seen = float(x if told is None else told[position])
+                writer.write(Sweeps(block, channel, position, x_m=seen, sweeps_requested=2))
     return path

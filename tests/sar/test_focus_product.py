@@ -232,8 +232,9 @@ def test_command_tells_people_what_it_did(session, tmp_path):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["--method", "ffbp"],
-        ["--autofocus"],
+        ["--method", "pga"],
+        ["--autofocus", "--autofocus-method", "pga"],
+        ["--autofocus-method", "track"],
         ["--tolerance-db", "3"],
         ["--window", "square"],
         ["--x", "1;2"],
@@ -245,6 +246,47 @@ def test_wrong_usage_ends_with_status_two(session, tmp_path, arguments):
     done = run(session, "-o", tmp_path / "p.h5", *arguments)
     assert done.exit_code == 2
     assert not (tmp_path / "p.h5").exists()
+
+
+def test_the_choice_is_explained_and_autofocus_leaves_focused_data_alone(session, tmp_path):
+    plain, after = tmp_path / "plain.h5", tmp_path / "after.h5"
+    common = ("--x", "-4,4", "--y", "5,17", "--pixel", "0.1,0.4")
+    assert run(session, "-o", plain, *common).exit_code == 0
+    done = run(session, "-o", after, *common, "--autofocus", "--explain", "--json")
+    assert done.exit_code == 0, done.stderr
+    values = json.loads(done.stdout)
+    told = values["autofocus"]
+    assert told == Products(after).settings("focus")["autofocus"]
+    assert told["applied"] is False
+    assert "autofocus" in done.stderr
+    images = [Products(path).read("focus")["image"] for path in (plain, after)]
+    np.testing.assert_array_equal(*images)
+    assert any("not range migration" in line for line in values["explanation"])
+    settings = Products(after).settings("focus")
+    assert settings["precision"]
+    assert {"method", "interpolator", "oversampling", "predicted_error_db", "core_seconds"} <= set(
+        settings["considered"][0]
+    )
+
+
+def test_a_trolley_that_was_elsewhere_is_found_by_autofocus(tmp_path):
+    # Pushed by hand: 3 cm rms from where it was thought to be, slowly varying. Samples are of where it was.
+    n = np.arange(41)
+    thought = (n - 20) * 0.0508
+    was = thought + 0.045 * np.sin(2 * np.pi * n / 40 * 1.2)
+    targets = [
+        ((x, y, -HEIGHT_M), np.array([[1, 0], [0, 1]]) * (y / 8) ** 2)
+        for x, y in [(-2.5, 6.0), (2.8, 6.5), (0.3, 9.0), (-4.0, 11.0), (4.2, 12.0), (0.8, 15.0)]
+    ]
+    path = write_session(tmp_path / "pushed.h5", targets, was, (Channel.HH,), told=thought)
+    here = ground(np.arange(-6, 6.01, 0.08), np.arange(4, 18, 0.3))
+    blurred = focus(path, tmp_path / "blurred.h5", grid=here)
+    sharp = focus(path, tmp_path / "sharp.h5", grid=here, autofocus="track")
+    told = sharp.settings["autofocus"]
+    assert told["applied"], told["reason"]
+    assert told["entropy_after"] < told["entropy_before"] - 0.05
+    span = [np.nanmax(np.abs(made.image)) for made in (blurred, sharp)]
+    assert span[1] > span[0]
 
 
 def test_failures_end_with_status_one_and_one_line(tmp_path):
