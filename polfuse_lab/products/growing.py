@@ -13,7 +13,7 @@ import json
 import os
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -254,7 +254,8 @@ class GrowingStages:
             yield
         except (OSError, RuntimeError) as error:
             if lost is not None:
-                lost.close()
+                with suppress(OSError, RuntimeError):  # what it could not write it cannot write now
+                    lost.close()
                 self.path.unlink(missing_ok=True)
             raise self._failure(error) from error
 

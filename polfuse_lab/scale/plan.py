@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.ranging import BLOCK
 from polfuse_lab.scale.memory import MEGABYTE, SHARE, available_bytes, resident_bytes
+from polfuse_lab.session import Session
 from processing.sar.backprojection import TABLE_BYTES
 from processing.sar.grid import Grid
 from processing.sar.tiles import ALIGNMENT, GridTile, square_tiles, tiles
@@ -22,6 +25,9 @@ OWN_BYTES = 120 * MEGABYTE
 
 COPIES = 5
 """Copies of a block of profiles that are in memory while it is checked and added."""
+
+BINS = 2048
+"""Bins of a profile that are counted on before its length is known."""
 
 UNTOLD_BYTES = 2_000 * MEGABYTE
 """Memory that is used where the system does not tell how much there is."""
@@ -90,3 +96,15 @@ def cut(
         pieces = square_tiles(grid, 4 ** ((most.bit_length() - 1) // 2))
     positions = min(max((room + fixed) // (8 * pulse), 1), BLOCK)
     return Cut(pieces, 2 ** (positions.bit_length() - 1), limit)
+
+
+def needs_tiles(session: Session, grid: Grid) -> bool:
+    """Whether focusing in one piece would take more memory than there is to use (:func:`default_limit`).
+
+    In one piece profiles are in memory up to three times (and in float64 by parts), the image twice.
+    """
+    sweeps = session.sweeps
+    channels, positions = len(np.unique(sweeps["channel"])), len(np.unique(sweeps["position"]))
+    pixels = grid.shape[0] * grid.shape[1]
+    samples = int(sweeps["samples"].sum(dtype=np.int64)) * 2 * 4
+    return 16 * channels * pixels + samples + 24 * channels * positions * BINS > default_limit() - resident_bytes()
