@@ -21,6 +21,7 @@ COMMANDS = (
     ("range_", "range_", "range"),
     ("focus", "focus", "focus"),
     ("calibrate", "calibrate", "calibrate"),
+    ("decompose", "decompose", "decompose"),
     ("optics", "optics", "optics"),
     ("fuse", "fuse", "fuse"),
     ("report", "report", "report"),

@@ -63,6 +63,10 @@ FORMATS: Mapping[str, Format] = {
         "polfuse_lab.imports.frames_session",
         _FRAMES,
     ),
+    "polsarpro": Format(
+        "a PolSARpro folder (S2, C3 or T3), into a products file",
+        "polfuse_lab.imports.polsarpro",
+    ),
 }
 """Every format that ``polfuse import --as`` knows."""
 

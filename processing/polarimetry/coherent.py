@@ -1,7 +1,7 @@
 """Coherent decompositions of scattering matrices: Krogager's sphere, diplane and helix; Cameron's symmetric targets.
 
-They look at one scattering matrix, not at an average. Sources: Krogager 1990, Electronics Letters 26(18) 1525 and thesis
-of 1993; Cameron, Youssef and Leung 1996, IEEE TGRS 34(3) 793. Undefined pixels are NaN (class 0).
+They look at one scattering matrix, not at an average. Sources: Krogager 1990, Electronics Letters 26(18) 1525;
+Cameron, Youssef and Leung 1996, IEEE TGRS 34(3) 793. Undefined pixels are NaN (class 0).
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ def krogager(scattering: ArrayLike) -> Floats:
 def krogager_powers(planes: ArrayLike) -> Floats:
     """Mean sphere, diplane and helix amplitudes squared, (3, ...), m^2, of coherency planes (9, ...).
 
-    From <|S_rr|^2> and <|S_ll|^2> = (T22 + T33)/2 +- Im T23 and <|S_rl|^2> = T11/2; what Krogager's amplitudes are where
-    only averages are left.
+    From <|S_rr|^2> and <|S_ll|^2> = (T22 + T33)/2 +- Im T23 and <|S_rl|^2> = T11/2; what Krogager's amplitudes are
+    where only averages are left.
     """
     t = np.asarray(planes, dtype=np.float64)
     right = np.sqrt(np.maximum((t[5] + t[8]) / 2 + t[7], 0.0))

@@ -1,14 +1,15 @@
 """What a window of few looks does to entropy and anisotropy, and the correction.
 
 Eigenvalues of an average of n looks spread: on average the largest is too large and the smallest too small, so that
-entropy comes out too low and anisotropy too high. To first order (Lawley 1956; for complex Wishart matrices Lopez-Martinez,
-Pottier and Cloude 2005, IEEE TGRS 43(9) 2058)
+entropy comes out too low and anisotropy too high. To first order (Lawley 1956; for complex Wishart matrices
+Lopez-Martinez, Pottier and Cloude 2005, IEEE TGRS 43(9) 2058)
 
     E[l_i] = lambda_i + 1/n sum_j lambda_i lambda_j / (lambda_i - lambda_j).
 
-The series fails where two eigenvalues are nearer than their own spread, lambda / sqrt(n); gaps are bounded from below by
-it here, so that the correction goes to zero and not to infinity. Entropy has a second bias, from its curvature; for p
-known to 1/n it is at most 1/n and is subtracted with the same covariances (lambda_i^2 / n).
+The series fails where two eigenvalues are nearer than their own spread, lambda / sqrt(n); there the correction goes to
+zero and not to infinity. Entropy has a second bias, from its curvature, which follows from the eigenvalues' variances
+lambda_i^2 / n. At 9 looks the two find 60 to 80 % of the whole bias, at 49 looks 66 to 100 %, least where all
+eigenvalues are equal.
 """
 
 from __future__ import annotations

@@ -121,7 +121,7 @@ def coherency_turned(matrix: ArrayLike, angle_rad: ArrayLike) -> Complexes:
 def basis_vectors(orientation_rad: float, ellipticity_rad: float) -> Complexes:
     """Two orthogonal unit Jones vectors as columns (2, 2): a wave of that orientation and ellipticity, and the other.
 
-    ``R(orientation) [[cos, j sin], [j sin, cos]]`` of the ellipticity (Lee and Pottier 2009, 2.2); its determinant is 1.
+    ``R(orientation) [[cos, j sin], [j sin, cos]]`` of the ellipticity (Lee and Pottier 2009, 2.2); determinant 1.
     Ellipticity +45 degrees is right-handed (S3 > 0, thesis Table 2.3).
     """
     c, s = np.cos(orientation_rad), np.sin(orientation_rad)

@@ -67,8 +67,8 @@ def mueller_of_coherency(coherency: ArrayLike) -> Floats:
 def kennaugh_of_coherency(coherency: ArrayLike) -> Floats:
     """Kennaugh matrices (..., 4, 4), symmetric: received power is ``s_r^T K s_t / 2`` of two Stokes vectors.
 
-    The Mueller matrix with its last row turned around, because the antenna's own polarization is described looking along
-    the wave that it sends (backscatter alignment).
+    The Mueller matrix with its last row turned around, because the antenna's own polarization is described looking
+    along the wave that it sends (backscatter alignment).
     """
     return mueller_of_coherency(coherency) * np.array([1.0, 1.0, 1.0, -1.0])[:, None]
 
