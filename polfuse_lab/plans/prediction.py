@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Iterable
 from typing import Any
 
@@ -128,7 +128,7 @@ def prediction_lines(told: dict[str, Any] | None) -> list[str]:
 def _aperture(rig: Rig, listed: list[Step]) -> tuple[list[float], float]:
     """Places at which there are records, sorted, m, and the ramps' time of one channel over all of them, s."""
     places: set[float] = set()
-    ramps: Counter[object] = Counter()
+    ramps: defaultdict[object, float] = defaultdict(float)
     at: float | None = None
     duty = rig.waveform.ramp_up_s / rig.waveform.sweep_period_s
     for step in listed:
