@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -11,12 +11,18 @@ from polfuse_lab.cli.output import Debug, Json, guarded, progress, result
 
 METHODS = ("auto", "rma", "bp", "ffbp", "reference")
 WINDOWS = ("hann", "taylor", "rectangular")
+AUTOFOCUS_METHODS = ("auto", "phase-gradient", "minimum-entropy", "track")
 
 
 @guarded
 def focus(
-    session: Annotated[Path, typer.Argument(help="Session collected along a rail.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Products file; other stages in it are kept.")],
+    sessions: Annotated[list[Path], typer.Argument(help="Session collected along a rail, or several.")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", help="Products file; other stages in it are kept. With several sessions a folder."
+        ),
+    ],
     method: Annotated[
         str,
         typer.Option(
@@ -33,7 +39,10 @@ def focus(
         typer.Option(help="Along the rail: rectangular (default; phase histories: taylor), hann or taylor."),
     ] = None,
     oversampling: Annotated[
-        int | None, typer.Option(min=2, max=64, help="Range bins per resolution cell; 8 (phase histories: 4).")
+        int | None,
+        typer.Option(
+            min=2, max=64, help="Range bins per resolution cell; chosen by the tolerance (phase histories: 4)."
+        ),
     ] = None,
     x: Annotated[
         str | None,
@@ -50,17 +59,35 @@ def focus(
     target: Annotated[
         str | None, typer.Option(help="In a calibration series: the target whose records are focused.")
     ] = None,
+    autofocus: Annotated[
+        bool, typer.Option("--autofocus", help="Correct errors along the aperture, where that does good.")
+    ] = False,
+    autofocus_method: Annotated[
+        str, typer.Option(help="auto, phase-gradient, minimum-entropy or track (a trolley's place); with --autofocus.")
+    ] = "auto",
+    explain: Annotated[bool, typer.Option("--explain", help="Tell why this method, and what else there was.")] = False,
+    memory: Annotated[
+        str | None, typer.Option(help="Limit of memory, such as 500MB: the image is formed in tiles that fit.")
+    ] = None,
+    tile: Annotated[int | None, typer.Option(min=16, help="Rows and columns of a tile, instead of what fits.")] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(help="Address of a Dask scheduler, or 'local': tiles (or whole sessions) on its workers."),
+    ] = None,
     figure: Annotated[Path | None, typer.Option(help="Picture to draw; others are drawn beside it.")] = None,
     json_: Json = False,
     debug: Debug = False,
 ) -> None:
     """Focus a session: range profiles, then a complex image of every channel on the ground.
 
-    The method and its interpolator are the cheapest whose expected error stays within the tolerance.
+    Method, interpolator and oversampling are the cheapest whose expected error stays within the tolerance.
 
-    Example: polfuse focus run.h5 -o products.h5 --tolerance-db -60
+    Example: polfuse focus run.h5 -o products.h5 --tolerance-db -60 --autofocus --explain
     """
     _one_of(method, METHODS, "--method")
+    _one_of(autofocus_method, AUTOFOCUS_METHODS, "--autofocus-method")
+    if autofocus_method != "auto" and not autofocus:
+        raise typer.BadParameter("takes effect with --autofocus only", param_hint="--autofocus-method")
     for value, option in ((window, "--window"), (aperture, "--aperture")):
         if value is not None:
             _one_of(value, WINDOWS, option)
@@ -69,10 +96,28 @@ def focus(
     extents = None if x is None else _pair(x, "--x"), None if y is None else _pair(y, "--y")
     step = None if pixel is None else _pair(pixel, "--pixel")
 
+    if len(sessions) > 1:
+        if figure is not None or target is not None:
+            raise typer.BadParameter("takes one session", param_hint="--figure" if figure is not None else "--target")
+        from polfuse_lab.cli.focus_many import focus_many
+
+        options = {
+            "method": method, "tolerance_db": tolerance_db, "window": window, "aperture": aperture,
+            "oversampling": oversampling, "compensate_pattern": pattern, "sky": sky and sky.resolve(), "x_m": extents[0],
+            "y_m": extents[1], "step_m": step, "autofocus": autofocus_method if autofocus else None,
+        }  # fmt: skip
+        focus_many(sessions, output, options, memory=memory, tile=tile, dask=dask, as_json=json_)
+        return
+    (session,) = sessions
+
     from polfuse_lab.products import focus as stage
+    from polfuse_lab.scale.spread import spread
     from polfuse_lab.session import open_session
 
-    with open_session(session) as opened:
+    with (
+        open_session(session) as opened,
+        spread(memory=memory, tile=tile, dask=dask, listener=lambda told: progress(str(told))) as spreading,
+    ):
         grid = stage.default_grid(opened, x_m=extents[0], y_m=extents[1], step_m=step)
         progress(f"focusing {session}: {grid.shape[1]} x {grid.shape[0]} pixels")
         made = stage.focus(
@@ -87,6 +132,8 @@ def focus(
             compensate_pattern=pattern,
             sky=sky,
             target=target,
+            autofocus=autofocus_method if autofocus else None,
+            scale=spreading.scale,
         )
     for warning in made.warnings:
         progress(f"note: {warning}")
@@ -107,16 +154,27 @@ def focus(
         "seconds": made.seconds,
         "peaks": peaks,
         "figures": drawn,
+        "explanation": list(made.explanation),
+        "autofocus": made.settings.get("autofocus"),
     }
     lines = [
         f"{made.choice.method} ({made.choice.interpolator}), {made.choice.reason}; "
         f"expected error {made.choice.predicted_error_db:.0f} dB",
+        *(made.explanation if explain else ()),
+        *_autofocused(made.settings.get("autofocus")),
         f"{len(made.channels)} channels, {made.pulses} positions, {made.pixels} pixels in {made.seconds:.1f} s",
         *(f"peak at x = {p['x_m']:+.2f} m, y = {p['y_m']:.2f} m: {p['dB']:.1f} dB" for p in peaks),
         f"products: {made.products}",
         *(f"figure:   {path}" for path in drawn),
     ]
     result(values, as_json=json_, text="\n".join(lines))
+
+
+def _autofocused(told: dict[str, Any] | None) -> list[str]:
+    """What autofocus did, in words; nothing where it was not asked for or refused (a note tells that)."""
+    if told is None or not told["applied"]:
+        return []
+    return [f"autofocus ({told['method']}): corrected {told['error_rad']:.2f} rad rms, {told['reason']}"]
 
 
 def _one_of(value: str, allowed: tuple[str, ...], option: str) -> None:

@@ -36,7 +36,8 @@ class PointQuality:
     amplitude_error_db: float
     """Level less that of ``amplitude``."""
     phase_error_rad: float
-    """Phase less that of ``amplitude`` at the true place: what the offset of the measured place turns it by is taken off."""
+    """Phase less that of ``amplitude`` at the true place; the turn that comes from the offset of the measured place is
+    taken off."""
 
 
 def theoretical_cut(
