@@ -232,8 +232,12 @@ class GrowingStages:
         needed = sum(array.nbytes for array in self._arrays.values()) + HEADER_BYTES
         require_free(self.path, needed)
         try:
+            # Tried before HDF5 begins, which does not survive a full disk; it takes the same room again.
+            with self.path.open("wb") as stream:
+                _take_room(stream.fileno(), needed)
             file = h5py.File(self.path, "w", track_order=True)
         except OSError as error:
+            self.path.unlink(missing_ok=True)
             raise self._failure(error) from error
         with self._telling(lost=file):
             for name, array in self._arrays.items():
@@ -245,7 +249,8 @@ class GrowingStages:
                 file.create_dataset(f"{JOURNAL}/{series}", data=np.zeros(count, dtype=np.uint64))
             file[f"{JOURNAL}/recipe"] = self._recipe
             file.flush()
-            _take_room(self.path)
+            with self.path.open("rb+") as stream:
+                _take_room(stream.fileno(), max(os.fstat(stream.fileno()).st_size, 1))
         return file
 
     @contextmanager
@@ -281,8 +286,7 @@ def _contiguous(group: h5py.Group, name: str, array: Growing) -> None:
         group[name].attrs["unit"] = array.unit
 
 
-def _take_room(path: Path) -> None:
-    """Make the file's holes real, where the system can, so that no later write meets a full disk."""
+def _take_room(handle: int, size: int) -> None:
+    """Make a file's holes real, where the system can, so that no later write meets a full disk."""
     if hasattr(os, "posix_fallocate"):
-        with path.open("rb+") as stream:
-            os.posix_fallocate(stream.fileno(), 0, max(os.fstat(stream.fileno()).st_size, 1))
+        os.posix_fallocate(handle, 0, size)
