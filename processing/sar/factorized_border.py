@@ -12,7 +12,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
-from processing.sar.factorized_plan import Level, Track
+from processing.sar.factorized_plan import BORDER, Level, Track, scene_border
 from processing.sar.patch_sum import PLACES, types
 
 GAIN_NODES = 49
@@ -41,6 +41,8 @@ def off_profiles(
         last_m: length of a profile.
         reach_m: what is wanted at either end of it.
     """
+    if _all_on_profiles(track, x_m, y_m, z_m, last_m, reach_m):
+        return np.zeros(x_m.shape, dtype=np.bool_)
     place = 0.5 * (track.transmit_m + track.receive_m)
     apart = 0.5 * np.linalg.norm(track.transmit_m - track.receive_m, axis=1)
     part = np.repeat(np.arange(len(finest.centre_m)), np.diff(finest.first))
@@ -55,6 +57,37 @@ def off_profiles(
         last_m, reach_m, off,
     )  # fmt: skip
     return off
+
+
+def _all_on_profiles(
+    track: Track,
+    x_m: NDArray[np.float64],
+    y_m: NDArray[np.float64],
+    z_m: float,
+    last_m: float,
+    reach_m: float,
+) -> bool:
+    """Whether the image's border tells that no pixel is off: no place within it is nearer or further than the border,
+    but for half the way between the places that are asked, since the track is outside."""
+    border = scene_border(x_m, y_m)
+    # From any pixel to the next place asked: half the diagonal of the lattice's cells at most.
+    apart = [
+        float(np.hypot(*np.diff([axis.take(chosen, index) for axis in (x_m, y_m)], axis=index + 1)).max(initial=0.0))
+        for index, chosen in (
+            (0, np.unique(np.linspace(0, x_m.shape[0] - 1, BORDER).round().astype(int))),
+            (1, np.unique(np.linspace(0, x_m.shape[1] - 1, BORDER).round().astype(int))),
+        )
+    ]
+    slack = 0.5 * sum(apart)
+    for transmit, receive, start in zip(track.transmit_m, track.receive_m, track.start_m, strict=True):
+        there, back = (
+            np.sqrt(np.sum((border - antenna[:2]) ** 2, axis=1) + (z_m - antenna[2]) ** 2)
+            for antenna in (transmit, receive)
+        )
+        path = 0.5 * (there + back) - start
+        if path.min() - slack < reach_m or path.max() + slack > last_m - reach_m:
+            return False
+    return True
 
 
 @functools.cache
