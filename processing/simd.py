@@ -283,6 +283,36 @@ def times_power_of_two(typing: Any, a: Any, exponent: Any) -> Any:
 
 
 @intrinsic
+def flip_odd(typing: Any, a: Any, bits: Any) -> Any:
+    """``a`` with its sign turned where the whole number in ``bits`` (see :data:`INDEX_BITS`) is odd."""
+    if a is not float32x16 or bits is not a:
+        return None
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        whole = ir.VectorType(_I32, LANES)
+        sign = builder.shl(builder.bitcast(arguments[1], whole), _constant(31, whole))
+        return builder.bitcast(builder.xor(builder.bitcast(arguments[0], whole), sign), a.llvm)
+
+    return a(a, a), generate
+
+
+@intrinsic
+def store_whole(typing: Any, array: Any, index: Any, vector: Any) -> Any:
+    """Put sixteen whole numbers, given as float64, into an int64 array at ``array[index]`` and after. Not checked."""
+    if not (_contiguous(array) and array.dtype == types.int64 and vector is float64x16):
+        return None
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        wide = ir.VectorType(_I64, LANES)
+        place = _address(context, builder, array, arguments[0], arguments[1])
+        made = builder.store(builder.fptosi(arguments[2], wide), builder.bitcast(place, wide.as_pointer()))
+        made.align = 8
+        return context.get_dummy_value()
+
+    return types.void(array, index, vector), generate
+
+
+@intrinsic
 def lookup16(typing: Any, table: Any, first: Any, places: Any) -> Any:
     """``table[first + p]`` for whole places p of 0 to 15, given as :func:`index_bits`; needs :data:`PERMUTES`."""
     if not (_contiguous(table) and table.dtype == types.float32 and places is float32x16):

@@ -25,7 +25,7 @@ from processing.sar.backprojection_reference import backproject_reference
 from processing.sar.continuous import Motion, SweepMotion, sweep_motion
 from processing.sar.grid import Grid, ImageGrid, check_grid
 from processing.sar.interpolation import check_bins
-from processing.sar.patches import best_patch, flat_places
+from processing.sar.patches import best_patch, flat_places, on_lines
 from processing.sar.paths import channel_groups
 
 __all__ = ["LiveImage", "backproject", "backproject_reference", "distance_m"]
@@ -37,7 +37,7 @@ SMALL_TURNS = 4e-6
 """Bound of the phase error, turns, up to which offsets within a patch of pixels may be float32, whatever the filter:
 -92 dB of a pixel at the very worst, some 20 dB less as a root mean square. Better filters set it lower."""
 
-TABLE_BYTES = 64_000_000
+TABLE_BYTES = 8_000_000
 """Size of the tables that are in memory at a time, at most, unless that were less than one pulse. It sets the blocks in
 which pulses are added, and so rounding: a constant, that images formed in tiles have the bits of those in one piece."""
 
@@ -82,8 +82,8 @@ def backproject(
 def pulses_in_block(profiles: RangeProfiles, interpolator: str = "sinc8") -> int:
     """Pulses that :func:`backproject` adds at a time before it rounds to complex64; the same for every image.
 
-    A :class:`LiveImage` to which pulses that count are added in multiples of it, with ``track_m`` given, has the bits of
-    the image in one piece.
+    A :class:`LiveImage` to which pulses are added in multiples of that, with ``track_m`` given, has the bits of the
+    image in one piece.
 
     Raises:
         DataError: unknown interpolator, or antenna pairs that do not fit the channels.
@@ -223,14 +223,17 @@ class LiveImage:
             gains = np.zeros((1, 1, 1), dtype=np.float32)
         seen = track[:3] if self._track_m is None else (self._track_m + np.asarray(pair.transmit_m)).T
         across = best_patch(self.grid, seen, bins_per_m)
+        line = on_lines(self.grid, across, signal.turns_per_m)
         block = _block(len(members), layout.stride, len(polynomials))
         for p0 in range(0, track.shape[1], block):
             some = slice(p0, p0 + block)
             values = np.ascontiguousarray(pulses.values[members, some], dtype=np.complex64)
             table = segment_tables(values, np.ascontiguousarray(pulses.weights[members, some]), polynomials)
-            numbers, factor = np.ascontiguousarray(track[:, some]), np.ascontiguousarray(factors[:, some])
-            for pixel, ground in flat_places(self.grid, across, ROWS):
-                add_pulses(table, layout, signal, numbers, factor, pixel, ground, total, gains)
+            count = values.shape[1]
+            numbers = np.pad(track[:, some], ((0, 0), (0, -count % 16)), mode="edge").ravel()
+            factor = np.ascontiguousarray(factors[:, some])
+            for pixel, ground in flat_places(self.grid, across, ROWS, line):
+                add_pulses(table, layout, signal, count, numbers, factor, pixel, ground, total, gains)
 
     def image(self) -> NDArray[np.complex64]:
         """The image of what was added so far, (channels, rows, columns) complex64; more can be added afterwards."""

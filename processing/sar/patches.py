@@ -20,22 +20,51 @@ SHAPES = (16, 8, 4, 2, 1)
 """Columns that a patch of sixteen pixels may have."""
 
 
-def flat_places(grid: Grid, across: int, rows: int) -> Iterator[tuple[Flat, Ground]]:
+LINE_TURNS = 1e-7
+"""Phase, turns, by which pixels may be off a straight line of equidistant places and be taken to lie on it."""
+
+
+def on_lines(grid: Grid, across: int, turns_per_m: float) -> bool:
+    """Whether the pixels of every patch lie on a line, equidistant; for a tile, whether those of the whole grid do.
+
+    Args:
+        grid: the grid.
+        across: columns of a patch.
+        turns_per_m: two-way turns of phase per metre of range.
+    """
+    grid = grid.whole if isinstance(grid, GridTile) else grid
+    if not isinstance(grid, ImageGrid) or across not in (1, 16):
+        return False
+    axis = np.asarray(grid.x_m if across == 16 else grid.y_m, dtype=np.float64)
+    if len(axis) < 3:
+        return True
+    off = 0.0
+    for last in range(2, min(16, len(axis))):
+        # Between the ends of every stretch of a patch's length (and of what is left of one at the grid's end).
+        ends = axis[last:] - axis[:-last]
+        middle = axis[last // 2 : len(axis) - last + last // 2]
+        off = max(off, float(np.abs(axis[:-last] + ends * (last // 2 / last) - middle).max()))
+    return off * turns_per_m <= LINE_TURNS
+
+
+def flat_places(grid: Grid, across: int, rows: int, line: bool) -> Iterator[tuple[Flat, Ground]]:
     """A grid's places in flat arrays, and how they lie there; whole where its axes tell them, else some rows at a time.
 
     Args:
         grid: the grid.
         across: columns of a patch.
         rows: rows at a time.
+        line: whether the patches' pixels lie on lines (:func:`on_lines`).
     """
     from processing.sar.backprojection_kernel import Ground
 
     height, width = grid.shape
-    step = height if isinstance(grid, ImageGrid) else rows
+    plane = isinstance(grid.whole if isinstance(grid, GridTile) else grid, ImageGrid)
+    step = height if plane else rows
     for first in range(0, height, step):
         some = slice(first, min(first + step, height))
         x, y, z = (_flat(places) for places in grid.places_m(some))
-        yield (x[0], y[0], z[0]), Ground(some.stop - first, width, first, across, *x[1:], *y[1:], *z[1:])
+        yield (x[0], y[0], z[0]), Ground(some.stop - first, width, first, across, line, *x[1:], *y[1:], *z[1:])
 
 
 def _flat(places: NDArray[np.float64]) -> tuple[NDArray[np.float64], int, int]:

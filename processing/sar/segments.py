@@ -17,6 +17,7 @@ from numpy.polynomial import Polynomial, chebyshev
 from numpy.typing import NDArray
 
 from processing.sar.interpolation import tap_weights, taps_of
+from processing.simd import fma, load, splat, store, to_float32
 
 MARGIN = 64
 """Undefined segments on either side of a table: what lies off the range axis is read from them."""
@@ -117,26 +118,26 @@ def segment_tables(
 def _fill(values: Any, weights: Any, polynomials: Any, stride: int, table: Any) -> None:
     channels, pulses, bins = values.shape
     powers, taps = polynomials.shape
-    segments = bins - taps + 1
+    segments = max(bins - taps + 1, 0)
     first = MARGIN + taps // 2 - 1
     for job in prange(pulses * channels):
         pulse, channel = job // channels, job % channels
-        re = np.empty(bins)
-        im = np.empty(bins)
+        # Sixteen sums at a time: some beyond the end are read, and put where NaN comes afterwards.
+        re, im = np.zeros(bins + 16), np.zeros(bins + 16)
         for n in range(bins):
             value = values[channel, pulse, n]
             re[n] = value.real * weights[channel, pulse]
             im[n] = value.imag * weights[channel, pulse]
-        sums = np.empty(max(segments, 0))
         for row in range(2 * powers):
             part = re if row % 2 == 0 else im
-            sums[:] = 0.0
-            for tap in range(taps):
-                factor = polynomials[powers - 1 - row // 2, tap]
-                for n in range(segments):
-                    sums[n] += factor * part[n + tap]
+            power = powers - 1 - row // 2
             start = (job * 2 * powers + row) * stride
-            for n in range(start, start + stride):
-                table[n] = np.nan
-            for n in range(segments):
-                table[start + first + n] = sums[n]
+            for n in range(0, segments, 16):
+                total = splat(polynomials[power, 0]) * load(part, n)
+                for tap in range(1, taps):
+                    total = fma(splat(polynomials[power, tap]), load(part, n + tap), total)
+                store(table, start + first + n, to_float32(total))
+            for n in range(first):
+                table[start + n] = np.nan
+            for n in range(first + segments, stride):
+                table[start + n] = np.nan
