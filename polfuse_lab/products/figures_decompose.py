@@ -80,7 +80,7 @@ def planes_figure(arrays: Arrays, settings: dict[str, Any]) -> Figure:
     aspect = _aspect(arrays, rows / cols)
     width = 4.6 * columns
     title = f"{method}, {settings['window']} x {settings['window']} average" if settings["window"] > 1 else method
-    figure = style.new_figure(width, 0.9 + lines * float(np.clip(3.7 * aspect + 0.3, 1.4, 6.0)), title=title)
+    figure = style.new_figure(width, 0.9 + lines * float(np.clip(3.3 * aspect + 0.3, 1.4, 6.0)), title=title)
     axes = list(figure.subplots(lines, columns, squeeze=False).ravel())
     for unused in axes[count:]:
         unused.set_visible(False)

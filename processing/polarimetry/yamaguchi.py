@@ -33,6 +33,8 @@ Model = Literal["original", "rotated", "extended"]
 MODELS: tuple[Model, ...] = ("original", "rotated", "extended")
 
 _TWO_DB = 10**0.2
+_SOME_VOLUME = 1 - 1e-6
+"""A pure helix has no volume; rounding must not make it a negative one."""
 
 
 def yamaguchi(planes: Planes, model: Model = "rotated") -> Planes:
@@ -53,6 +55,7 @@ def yamaguchi_reference(planes: Planes, model: Model = "rotated") -> Floats:
     """The definition of :func:`yamaguchi` in NumPy and float64. Raises as it."""
     number = _number(model)
     t = as_planes(planes).astype(np.float64)
+    t = np.where(np.isfinite(t), t, np.nan)
     t11, t12, t13, t22, t23, t33 = t[0], t[1] + 1j * t[2], t[3] + 1j * t[4], t[5], t[6] + 1j * t[7], t[8]
     span = t11 + t22 + t33
     if number:
@@ -63,7 +66,7 @@ def yamaguchi_reference(planes: Planes, model: Model = "rotated") -> Floats:
             t22 * c**2 + 2 * t23.real * c * s + t33 * s**2, t22 * s**2 - 2 * t23.real * c * s + t33 * c**2
         )  # fmt: skip
     helix = 2 * np.abs(t23.imag)
-    helix = np.where(2 * t33 < helix, 0.0, np.minimum(helix, span))
+    helix = np.where(2 * t33 < _SOME_VOLUME * helix, 0.0, np.minimum(helix, span))
     double = (
         t11 - t22 + 7 / 8 * t33 + helix / 16 <= 0 if number == 2 else np.zeros_like(span, dtype=bool)
     )  # fmt: skip
@@ -126,7 +129,7 @@ def _pixel(t: NDArray[np.float64], model: int) -> tuple[float, float, float, flo
         mixed = 2.0 * t[6] * c * s
         t22, t33 = t22 * c * c + mixed + t33 * s * s, t22 * s * s - mixed + t33 * c * c
     helix = min(2.0 * abs(t[7]), span)
-    if 2.0 * t33 < helix:
+    if 2.0 * t33 < _SOME_VOLUME * helix:
         helix = 0.0
     double = model == 2 and t11 - t22 + 0.875 * t33 + helix / 16.0 <= 0.0
     share, tilt = 2.0, 0.0
