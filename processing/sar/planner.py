@@ -43,8 +43,8 @@ MIGRATION_ERROR_DB = {False: (-65.0, -61.0, -55.0, 0.0), True: (-64.0, -50.0, -3
 """Bounds of range migration's error, dB, without and with compensation of the antennas' pattern."""
 
 MIGRATION_TYPICAL_ANGLES_DEG = (35.0, 45.0, 71.0, 80.0, 90.0)
-MIGRATION_TYPICAL_DB = {False: (-88.0, -78.0, -61.0, -55.0, 0.0), True: (-66.0, -60.0, -50.0, -34.0, 0.0)}
-"""Its error as expected at these angles, dB."""
+MIGRATION_TYPICAL_DB = (-88.0, -79.5, -61.0, -55.0, 0.0)
+"""Its error as expected at these angles without compensation of the pattern, dB; with it the bound is expected."""
 
 MIGRATION_WINDOW_DB = -5.0
 """By how much a window over the ramp lowers it where nothing but spectral leakage is left, up to the first angle."""
@@ -153,11 +153,11 @@ def backprojection_error_db(interpolator: str, oversampling: float) -> float:
 def migration_error_db(task: Task, *, bound: bool = False) -> float:
     """Expected error of range migration (or its bound), dB: its own by angle, and that of uneven positions."""
     angle = math.degrees(task.widest_rad)
-    if bound:
+    if bound or task.compensated:
         own = np.interp(angle, MIGRATION_ANGLES_DEG, MIGRATION_ERROR_DB[task.compensated])
     else:
-        own = np.interp(angle, MIGRATION_TYPICAL_ANGLES_DEG, MIGRATION_TYPICAL_DB[task.compensated])
-        if task.window != "rectangular" and not task.compensated and angle <= MIGRATION_TYPICAL_ANGLES_DEG[0]:
+        own = np.interp(angle, MIGRATION_TYPICAL_ANGLES_DEG, MIGRATION_TYPICAL_DB)
+        if task.window != "rectangular" and angle <= MIGRATION_TYPICAL_ANGLES_DEG[0]:
             own += MIGRATION_WINDOW_DB
     uneven = 4 * math.pi / task.wavelength_m * (task.residual_m or 0.0)
     return float(10 * np.log10(10 ** (own / 10) + uneven**2))

@@ -83,7 +83,9 @@ def test_ghosts_stay_on_wide_rails_and_leave_small_squinted_scenes():
     worst = Task(**{**RAIL, "oversampling": 4})
     errors = [{c.interpolator: c.predicted_error_db for c in choices(t) if c.method == "bp"} for t in (task, worst)]
     assert errors[0]["cubic"] < errors[1]["cubic"] - 2
-    assert errors[0]["linear"] == pytest.approx(errors[1]["linear"], abs=1.5)
+    # What stays in the band is in any image: linear interpolation is never better than that.
+    own, _ = filter_error("linear", 4.0, "rectangular")
+    assert 10 * np.log10(own) - 0.1 < errors[0]["linear"] < errors[1]["linear"]
 
 
 @pytest.mark.parametrize("seed", [3, 5, 8, 11])
