@@ -170,8 +170,8 @@ def _cases() -> list[_Case]:
         ),
         _Case(
             "touzi", touzi, touzi_reference, _peer_touzi, False, shared=(0, 1, 2, 6, 7, 8, 12, 14),
-            why="alpha_s and tau; the peer leaves psi beyond 45 degrees and then turns the sign of phi, where the model "
-            "has psi - 90 and phi + 180 degrees",
+            why="alpha_s and tau; the peer leaves psi beyond 45 degrees and then turns the sign of phi, where the "
+            "model has psi - 90 and phi + 180 degrees",
         ),
     ]  # fmt: skip
 

@@ -7,6 +7,7 @@ pixels are zero, and ``mask_valid_pixels.bin`` (1 or 0) tells which are defined.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +101,7 @@ def read_plane(folder: Path, name: str, rows: int, columns: int, *, is_complex: 
     return np.frombuffer(content, dtype=kind).reshape(rows, columns).astype(kind.newbyteorder("="))
 
 
-def _byte_order(header: Path) -> str:
+def _byte_order(header: Path) -> Literal["<", ">"]:
     """``"<"`` or ``">"`` as an ENVI header says; little-endian without one."""
     try:
         text = header.read_text(encoding="latin-1")

@@ -213,7 +213,7 @@ def _show(panel: Axes, arrays: Arrays, values: NDArray[Any], **options: Any) -> 
 def _classes(figure: Figure, panel: Axes, arrays: Arrays, names: list[str]) -> None:
     colours = [style.UNDEFINED, *style.CLASS_COLOURS[:7], "#8B4513", "#999999", "#FFFFFF"][: len(names)]
     kinds = arrays["class"]
-    extent = {}
+    extent: dict[str, Any] = {}
     if "x_m" in arrays:
         x, y = arrays["x_m"], arrays["y_m"]
         extent = {"extent": (x[0], x[-1], y[0], y[-1]), "origin": "lower"}

@@ -30,7 +30,7 @@ def window_average(planes: Planes, window: int) -> Planes:
         DataError: the window is even or not positive, or the planes have another shape.
     """
     given = _checked(planes, window)
-    defined = np.isfinite(given).all(axis=0)
+    defined = np.asarray(np.isfinite(given).all(axis=0))
     made = np.empty_like(given)
     _average(given, defined, window // 2, made)
     return made
@@ -39,7 +39,7 @@ def window_average(planes: Planes, window: int) -> Planes:
 def window_average_reference(planes: Planes, window: int) -> NDArray[np.float64]:
     """The definition of :func:`window_average` in NumPy and float64."""
     given = _checked(planes, window).astype(np.float64)
-    defined = np.isfinite(given).all(axis=0)
+    defined = np.asarray(np.isfinite(given).all(axis=0))
     reach = window // 2
     around = ((0, 0), (reach, reach), (reach, reach))
     views = np.lib.stride_tricks.sliding_window_view

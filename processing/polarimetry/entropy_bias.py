@@ -68,4 +68,4 @@ def entropy_bias(eigenvalues: ArrayLike, looks: float) -> Floats:
         # And of p itself, because the sum that divides scatters with the eigenvalues.
         drift = np.where(p > 0, p * (share - p) * np.log(p), 0.0 * p).sum(axis=0)
     found = entropy_of(better) + (curvature + drift) / (looks * np.log(3))
-    return np.maximum(np.minimum(found, 1.0) - entropy_of(values), 0.0)
+    return np.asarray(np.maximum(np.minimum(found, 1.0) - entropy_of(values), 0.0))

@@ -126,7 +126,7 @@ def basis_vectors(orientation_rad: float, ellipticity_rad: float) -> Complexes:
     """
     c, s = np.cos(orientation_rad), np.sin(orientation_rad)
     a, b = np.cos(ellipticity_rad), 1j * np.sin(ellipticity_rad)
-    return np.array([[c, -s], [s, c]]) @ np.array([[a, b], [b, a]])
+    return np.asarray(np.array([[c, -s], [s, c]]) @ np.array([[a, b], [b, a]]))
 
 
 def scattering_in_basis(matrix: ArrayLike, basis: ArrayLike) -> Complexes:

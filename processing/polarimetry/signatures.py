@@ -70,7 +70,7 @@ def kennaugh_of_coherency(coherency: ArrayLike) -> Floats:
     The Mueller matrix with its last row turned around, because the antenna's own polarization is described looking
     along the wave that it sends (backscatter alignment).
     """
-    return mueller_of_coherency(coherency) * np.array([1.0, 1.0, 1.0, -1.0])[:, None]
+    return np.asarray(mueller_of_coherency(coherency) * np.array([1.0, 1.0, 1.0, -1.0])[:, None])
 
 
 def coherency_of_kennaugh(kennaugh: ArrayLike) -> Complexes:

@@ -93,7 +93,7 @@ def yamaguchi_reference(planes: Planes, model: Model = "rotated") -> Floats:
 def _number(model: str) -> int:
     if model not in MODELS:
         raise DataError(f"there is no Yamaguchi model {model!r}", f"choose from {', '.join(MODELS)}")
-    return MODELS.index(model)  # type: ignore[arg-type]
+    return MODELS.index(model)
 
 
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")
