@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.antennas import check_method
 from polfuse_lab.products.focus_history import focus_history, holds_history, read_history, scene_grid
 from polfuse_lab.products.focus_parts import (
     Span,
@@ -214,6 +215,7 @@ def focus(
     rig = session.rig
     if rig is None:
         raise PolfuseError("has no rig file", where=str(session.path), advice="focus a session collected along a rail")
+    check_method(rig, method)
     from polfuse_lab.scale import focus_tiles, plan
 
     if scale is None and method in ("auto", "bp") and autofocus is None and plan.needs_tiles(session, grid):

@@ -15,6 +15,7 @@ from polfuse_lab.products.forming import own_positions
 from polfuse_lab.session import Session
 from processing.radar.profiles import RangeProfiles
 from processing.sar.aperture import grating_lobe_warning
+from processing.sar.continuous import sweep_motion
 from processing.sar.footprint import ImageFlag
 from processing.sar.grid import ImageGrid, check_grid
 from processing.sar.planner import Choice
@@ -57,6 +58,10 @@ def focus_settings(
         "flags": {flag.name: flag.value for flag in ImageFlag},
         "oversampling": oversampling,
         "range_compensated": True,
+        "antennas_m": None
+        if profiles.pairs is None
+        else [{"transmit": list(pair.transmit_m), "receive": list(pair.receive_m)} for pair in profiles.pairs],
+        "motion": sweep_motion(profiles).reason,
         "beamwidth_rad": beamwidth_rad,
         "depression_rad": depression_rad,
         "centre_hz": profiles.centre_hz,

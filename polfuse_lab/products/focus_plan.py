@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polfuse_lab.products.antennas import CHANNELS, antenna_pairs
 from polfuse_lab.session import Session
 from processing.errors import DataError
 from processing.radar.profiles import RangeProfiles
@@ -35,7 +36,7 @@ def task_of(profiles: RangeProfiles, grid: ImageGrid, oversampling: int | None, 
     return _task(
         profiles.antenna_m, grid, oversampling, compensated, profiles.window,
         channels=len(profiles.channels), wavelength_m=profiles.wavelength_m, bandwidth_hz=profiles.bandwidth_hz,
-        furthest_m=float(profiles.range_m[-1]),
+        furthest_m=float(profiles.range_m[-1]), apart=profiles.pairs is not None,
     )  # fmt: skip
 
 
@@ -47,6 +48,7 @@ def task_before(session: Session, grid: ImageGrid, window: str, compensated: boo
         np.column_stack([x, np.zeros((len(x), 2))]), grid, None, compensated, window,
         channels=len(np.unique(session.sweeps["channel"])), wavelength_m=waveform.wavelength_m,
         bandwidth_hz=waveform.bandwidth_hz, furthest_m=furthest_m,
+        apart=antenna_pairs(session.rig, CHANNELS) is not None,
     )  # fmt: skip
 
 
@@ -61,9 +63,11 @@ def _task(
     wavelength_m: float,
     bandwidth_hz: float,
     furthest_m: float,
+    apart: bool,
 ) -> Task:
     try:
-        residual: float | None = even_track(antenna_m).residual_m
+        # Antennas apart are no single rail, which is what range migration asks for.
+        residual: float | None = None if apart else even_track(antenna_m).residual_m
     except DataError:
         residual = None
     return Task(

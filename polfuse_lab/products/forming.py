@@ -59,6 +59,7 @@ def form_channels(
             antenna_m=profiles.antenna_m[own],
             channels=(profiles.channels[channel],),
             noise=noise,
+            pairs=None if profiles.pairs is None else profiles.pairs[channel : channel + 1],
         )
         images.append(_form(alone, grid, choice, weights[own], beamwidth_rad, depression_rad))
     return np.concatenate(images)

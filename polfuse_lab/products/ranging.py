@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.antennas import antenna_pairs
 from polfuse_lab.products.passes import pass_profiles
 from polfuse_lab.products.standing import StandingRecords
 from polfuse_lab.session import Session, open_session
@@ -162,6 +163,7 @@ class ProfileSource:
             window=self._window,
             range_compensated=self._compensated,
             noise=noise,
+            pairs=antenna_pairs(self._session.rig, self.channels),
         )
 
 

@@ -167,6 +167,24 @@ class CameraSection(DeviceSection):
         return pixel_format(self.pixel_format).dtype.__name__
 
 
+Offset = tuple[float, float, float]
+"""x, y and z, m."""
+
+
+class PhaseCentres(FileModel):
+    """Phase centres of the four antennas, from the point whose place along the rail is recorded: x along the rail, y
+    away from it, z up."""
+
+    transmit_h_m: Offset = (0.0, 0.0, 0.0)
+    """Of the horizontally polarized transmitting antenna, m."""
+    transmit_v_m: Offset = (0.0, 0.0, 0.0)
+    """Of the vertically polarized transmitting antenna, m."""
+    receive_h_m: Offset = (0.0, 0.0, 0.0)
+    """Of the horizontally polarized receiving antenna, m."""
+    receive_v_m: Offset = (0.0, 0.0, 0.0)
+    """Of the vertically polarized receiving antenna, m."""
+
+
 class Geometry(FileModel):
     """Where the antennas are and how they look. Origin: the antennas' phase centre at the aperture's centre."""
 
@@ -178,6 +196,8 @@ class Geometry(FileModel):
     """Half-power beamwidth of one antenna, degrees (thesis: 70)."""
     range_offset_m: float = 0.0
     """Range that cables and electronics add, m; subtracted from measured ranges."""
+    phase_centres: PhaseCentres | None = None
+    """Where each antenna sits on the trolley; left out where all of them are taken to be at the recorded place."""
 
 
 class Rig(FileModel):

@@ -72,6 +72,7 @@ class TileJob:
             values=self.outline.values[group][:, used],
             antenna_m=antenna,
             channels=tuple(self.outline.channels[c] for c in group),
+            pairs=None if self.outline.pairs is None else tuple(self.outline.pairs[c] for c in group),
         )
         live = LiveImage(
             tile,

@@ -43,8 +43,11 @@ def gain(antenna, target):
     return max(cosine, 0.0) ** n
 
 
-def samples(x, targets, channel, seconds=0.125, start=300.25):
-    """(n, 2) float32: beat ``Re{conj(M) g / R^2 exp(j phi)}`` on channel 0, sync on channel 1."""
+def samples(x, targets, channel, seconds=0.125, start=300.25, centres=None):
+    """(n, 2) float32: beat ``Re{conj(M) g / R^2 exp(j phi)}`` on channel 0, sync on channel 1.
+
+    ``centres``: phase centres by the rig file's names; the wave goes from the one antenna to the other.
+    """
     n = np.arange(round(seconds * RATE_HZ), dtype=np.float64)
     since = np.mod(n - start, PERIOD)
     up = since < RAMP
@@ -54,7 +57,12 @@ def samples(x, targets, channel, seconds=0.125, start=300.25):
     antenna = np.array([x, 0.0, 0.0])
     row, column = "HV".index(channel.receive), "HV".index(channel.transmit)
     for place, s in targets:
-        away = np.linalg.norm(np.asarray(place) - antenna)
+        there, back = (np.zeros(3), np.zeros(3))
+        if centres is not None:
+            there = np.asarray(centres[f"transmit_{channel.transmit.lower()}_m"])
+            back = np.asarray(centres[f"receive_{channel.receive.lower()}_m"])
+        sight = np.asarray(place) - antenna
+        away = (np.linalg.norm(sight - there) + np.linalg.norm(sight - back)) / 2
         tau = 2 * away / C
         phase = 2 * np.pi * tau * frequency - np.pi * slope * tau**2
         m = AMPLITUDE * gain(antenna, place) / away**2 * np.asarray(s)[row, column]
@@ -63,9 +71,11 @@ def samples(x, targets, channel, seconds=0.125, start=300.25):
     return np.stack([beat, 0.8 * (2 * edges - 1)], axis=1).astype(np.float32)
 
 
-def write_session(path, targets, positions, channels=tuple(Channel), *, rig=RIG, plan=None, skip=(), told=None):
+def write_session(
+    path, targets, positions, channels=tuple(Channel), *, rig=RIG, plan=None, skip=(), told=None, centres=None
+):
     """A finished session; ``skip`` holds (channel, position) pairs that were not recorded, ``told`` where the trolley
-    was thought to be."""
+    was thought to be; ``centres`` as for :func:`samples`."""
     waveform = Waveform(centre_hz=CENTRE_HZ, bandwidth_hz=BANDWIDTH_HZ, ramp_up_s=0.02, sweep_period_s=0.04)
     config = SessionConfig("collect", waveform, RATE_HZ, sample_dtype="float32", rig_toml=rig, plan_toml=plan)
     with SessionWriter.create(path, config, ballast_bytes=0) as writer:
@@ -73,7 +83,7 @@ def write_session(path, targets, positions, channels=tuple(Channel), *, rig=RIG,
             for channel in channels:
                 if (channel, position) in skip:
                     continue
-                block = AudioBlock(samples(x, targets, channel), RATE_HZ, 0, 0.0, position * 1_000_000)
+                block = AudioBlock(samples(x, targets, channel, centres=centres), RATE_HZ, 0, 0.0, position * 1_000_000)
                 seen = float(x if told is None else told[position])
                 writer.write(Sweeps(block, channel, position, x_m=seen, sweeps_requested=2))
     return path
