@@ -93,6 +93,8 @@ def planes_figure(arrays: Arrays, settings: dict[str, Any]) -> Figure:
     top = _top([arrays[n] for n in names if not _scale(n)])
     for panel, name in zip(axes[extra:], names, strict=False):
         _plane(panel, arrays, name, top)
+    for panel in axes[:count]:
+        panel.label_outer()
     return figure
 
 
@@ -143,7 +145,7 @@ def signature_figure(signature: Signature, *, title: str = "Polarimetric signatu
         )
         axes.set(
             xlabel="orientation [°]", ylabel="ellipticity [°]", zlim=(0, 1), xticks=[-90, -45, 0, 45, 90],
-            yticks=[-45, 0, 45], title=name,
+            yticks=[-45, 0, 45], zlabel="power over the largest", title=name,
         )  # fmt: skip
         axes.view_init(28, -60)
     return figure
@@ -194,7 +196,8 @@ def _plane(panel: Axes, arrays: Arrays, name: str, top: float) -> None:
         picture = _show(panel, arrays, level, low=top - SPAN_DB, high=top, colours=style.SEQUENTIAL)
         style.colour_bar(picture, panel, "dBsm", extend="both")
     else:
-        colours = style.FRACTION if name in RANGES else style.CYCLIC
+        # Opposite helices are not alike, as the ends of the other angles are.
+        colours = style.FRACTION if name in RANGES else style.DIVERGING if name == "tau_deg" else style.CYCLIC
         picture = _show(panel, arrays, arrays[name], low=scale[0], high=scale[1], colours=colours)
         style.colour_bar(picture, panel, "degrees" if name.endswith("_deg") else "")
     style.panel(panel, _words(name))
