@@ -103,8 +103,8 @@ def focus(
 
         options = {
             "method": method, "tolerance_db": tolerance_db, "window": window, "aperture": aperture,
-            "oversampling": oversampling, "compensate_pattern": pattern, "sky": sky and sky.resolve(), "x_m": extents[0],
-            "y_m": extents[1], "step_m": step, "autofocus": autofocus_method if autofocus else None,
+            "oversampling": oversampling, "compensate_pattern": pattern, "sky": sky and sky.resolve(),
+            "x_m": extents[0], "y_m": extents[1], "step_m": step, "autofocus": autofocus_method if autofocus else None,
         }  # fmt: skip
         focus_many(sessions, output, options, memory=memory, tile=tile, dask=dask, as_json=json_)
         return

@@ -3,7 +3,7 @@
 What that takes, beyond pixels that depend on no other pixel:
 
 - compiled back-projection expands ranges about the middle of patches of sixteen pixels, so every patch of a tile has to
-  be a patch of the whole: tiles begin at multiples of :data:`ALIGNMENT` rows and columns, and the patches' shape is that
+- compiled back-projection expands ranges about the middle of patches of sixteen pixels: every patch of a tile has to
   which the whole grid asks for (:func:`processing.sar.patches.best_patch`);
 - it adds pulses in blocks, rounded to complex64 after each: blocks are a function of the profiles alone, not of the
   image's size or of the memory there is (:func:`processing.sar.backprojection.pulses_in_block`).
