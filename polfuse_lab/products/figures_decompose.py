@@ -93,8 +93,9 @@ def planes_figure(arrays: Arrays, settings: dict[str, Any]) -> Figure:
     top = _top([arrays[n] for n in names if not _scale(n)])
     for panel, name in zip(axes[extra:], names, strict=False):
         _plane(panel, arrays, name, top)
-    for panel in axes[:count]:
-        panel.label_outer()
+    for number, panel in enumerate(axes[:count]):
+        if number % columns:
+            panel.set_ylabel("")
     return figure
 
 
