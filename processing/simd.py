@@ -313,6 +313,27 @@ def store_whole(typing: Any, array: Any, index: Any, vector: Any) -> Any:
 
 
 @intrinsic
+def add_pairs(typing: Any, array: Any, index: Any, even: Any, odd: Any) -> Any:
+    """Add to sixteen pairs of float32 from ``array[index]`` on, such as complex numbers. Not checked."""
+    if _of(array) is not float32x16 or even is not float32x16 or odd is not even:
+        return None
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pairs = ir.VectorType(_F32, 2 * LANES)
+        order = [lane // 2 + LANES * (lane % 2) for lane in range(2 * LANES)]
+        mask = ir.Constant(ir.VectorType(_I32, 2 * LANES), order)
+        start = _address(context, builder, array, arguments[0], arguments[1])
+        place = builder.bitcast(start, pairs.as_pointer())
+        before = builder.load(place)
+        before.align = 4
+        added = builder.fadd(before, builder.shuffle_vector(arguments[2], arguments[3], mask))
+        builder.store(added, place).align = 4
+        return context.get_dummy_value()
+
+    return types.void(array, index, even, odd), generate
+
+
+@intrinsic
 def lookup16(typing: Any, table: Any, first: Any, places: Any) -> Any:
     """``table[first + p]`` for whole places p of 0 to 15, given as :func:`index_bits`; needs :data:`PERMUTES`."""
     if not (_contiguous(table) and table.dtype == types.float32 and places is float32x16):

@@ -135,6 +135,7 @@ class LiveImage:
         self._exponent = 0.0 if beamwidth_rad is None else pattern_exponent(beamwidth_rad)
         self._axis = boresight(depression_rad)
         self._track_m = track_m
+        self._patches: dict[AntennaPair, tuple[int, bool]] = {}
         self._signal: tuple[object, ...] | None = None
         self._total = np.zeros((0, *grid.shape), dtype=np.complex64)
         self._weights: list[NDArray[np.float64]] = []
@@ -222,8 +223,10 @@ class LiveImage:
         if not len(gains):
             gains = np.zeros((1, 1, 1), dtype=np.float32)
         seen = track[:3] if self._track_m is None else (self._track_m + np.asarray(pair.transmit_m)).T
-        across = best_patch(self.grid, seen, bins_per_m)
-        line = on_lines(self.grid, across, signal.turns_per_m)
+        if pair not in self._patches:
+            across = best_patch(self.grid, seen, bins_per_m)
+            self._patches[pair] = across, on_lines(self.grid, across, signal.turns_per_m)
+        across, line = self._patches[pair]
         block = _block(len(members), layout.stride, len(polynomials))
         for p0 in range(0, track.shape[1], block):
             some = slice(p0, p0 + block)

@@ -33,6 +33,7 @@ from processing.sar.patch_ranges import (
     lay_windows,
 )
 from processing.sar.patch_sums import add_gains, add_kept, add_single
+from processing.simd import add_pairs, load, to_float32
 
 __all__ = ["Ground", "Signal", "Table", "add_pulses"]
 
@@ -189,6 +190,8 @@ def add_pulses(
     tiles_across = (columns_all + across * broad - 1) // (across * broad)
     tiles_down = (rows_all + down * high - 1) // (down * high)
     step = track.shape[0] // 10
+    height = total.shape[1]
+    parts = total.reshape(-1).view(np.float32)
     channels, sets = layout.channels, weights.shape[0] if signal.exponent > 0 else 0
     for tile in prange(tiles_across * tiles_down):
         patches = high * broad
@@ -227,14 +230,16 @@ def add_pulses(
                 n = min(across, columns_all - column)
                 for channel in range(channels):
                     at = (patch * channels + channel) * 32 + (i - row) * across
+                    to = ((channel * height + ground.first_row + i) * columns_all + column) * 2
                     if not exists[patch]:
-                        for lane in range(n):
-                            total[channel, ground.first_row + i, column + lane] = complex(np.nan, np.nan)
+                        for k in range(to, to + 2 * n):
+                            parts[k] = np.nan
+                    elif n == 16:
+                        add_pairs(parts, to, to_float32(load(sums, at)), to_float32(load(sums, at + 16)))
                     else:
                         for lane in range(n):
-                            total[channel, ground.first_row + i, column + lane] += complex(
-                                sums[at + lane], sums[at + 16 + lane]
-                            )
+                            parts[to + 2 * lane] += np.float32(sums[at + lane])
+                            parts[to + 2 * lane + 1] += np.float32(sums[at + 16 + lane])
                 for k in range(sets):
                     at = (patch * sets + k) * 16 + (i - row) * across
                     for lane in range(n):
