@@ -37,7 +37,7 @@ SMALL_TURNS = 4e-6
 """Bound of the phase error, turns, up to which offsets within a patch of pixels may be float32, whatever the filter:
 -92 dB of a pixel at the very worst, some 20 dB less as a root mean square. Better filters set it lower."""
 
-TABLE_BYTES = 8_000_000
+TABLE_BYTES = 16_000_000
 """Size of the tables that are in memory at a time, at most, unless that were less than one pulse. It sets the blocks in
 which pulses are added, and so rounding: a constant, that images formed in tiles have the bits of those in one piece."""
 
