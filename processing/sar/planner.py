@@ -33,8 +33,8 @@ METHODS = ("auto", "bp", "ffbp", "rma", "reference")
 OVERSAMPLINGS = (2, 3, 4, 6, 8, 12, 16)
 """Range bins per resolution cell that are chosen from where none is given."""
 
-SAFETY_DB = 2.0
-"""How far below the tolerance an expected error must be: measured errors are at most so much larger."""
+SAFETY_DB = {"bp": 2.5, "ffbp": 4.5, "rma": 4.5, "reference": 2.5}
+"""How far below the tolerance a method's expected error must be: measured errors exceed it by at most so much."""
 
 MIGRATION_ANGLES_DEG = (40.0, 71.0, 80.0, 90.0)
 """Largest angles from broadside at which range migration was measured; nothing is promised at grazing angles."""
@@ -227,23 +227,27 @@ def choose(task: Task, tolerance_db: float, method: str = "auto") -> Choice:
         fit = [choice for choice in fit if choice.method != "ffbp"]
     if not fit:
         raise DataError("positions are not even enough for range migration", "focus by back-projection")
-    fitting = [choice for choice in fit if choice.predicted_error_db <= tolerance_db - SAFETY_DB]
+    fitting = [choice for choice in fit if _fits(choice, tolerance_db)]
     at = f" at {task.oversampling:g} bins per cell" if task.oversampling is not None else ""
     if fitting:
         best, why = fitting[0], f"cheapest within {tolerance_db:g} dB"
-    elif method == "auto" and exact.predicted_error_db <= tolerance_db - SAFETY_DB:
+    elif method == "auto" and _fits(exact, tolerance_db):
         best, why = exact, f"only float64 reaches {tolerance_db:g} dB"
     else:
         best = min(fit, key=lambda choice: choice.predicted_error_db)
         near = best.predicted_error_db <= tolerance_db
         why = (
-            f"nothing on offer stays {SAFETY_DB:g} dB below {tolerance_db:g} dB{at}: the most exact"
+            f"nothing on offer stays below {tolerance_db:g} dB{at} by a safe margin: the most exact"
             if near
             else f"nothing on offer reaches {tolerance_db:g} dB{at}: the most exact"
         )
     asked = "" if method == "auto" else f"{method} asked for; "
     others = tuple(choice for choice in offered if choice is not best)
     return replace(best, reason=asked + why, considered=others)
+
+
+def _fits(choice: Choice, tolerance_db: float) -> bool:
+    return choice.predicted_error_db <= tolerance_db - SAFETY_DB[choice.method]
 
 
 def explain(task: Task, choice: Choice, tolerance_db: float) -> list[str]:
@@ -258,7 +262,7 @@ def explain(task: Task, choice: Choice, tolerance_db: float) -> list[str]:
         f"(this core takes {scale:.2g} times as long as the one that the tables are from)",
     ]
     for other in _best_of_each(choice.considered):
-        far = other.predicted_error_db > tolerance_db - SAFETY_DB
+        far = not _fits(other, tolerance_db)
         why = "not exact enough" if far else f"{other.seconds / max(choice.seconds, 1e-12):.2g} times the time"
         if not far and other.method == "ffbp" and other.seconds < choice.seconds:
             why = "pays for larger images and apertures only"
