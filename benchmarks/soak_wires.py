@@ -168,7 +168,8 @@ def _record(
         frame = camera.poll()
         if frame is not None:
             waiting = False
-            found.frames_lost += 0 if next_frame is None else frame.frame_id - next_frame
+            # Block ids of 16 bits go on with 1 after 65535.
+            found.frames_lost += 0 if next_frame is None else (frame.frame_id - next_frame) % 0xFFFF
             next_frame = frame.frame_id + 1
             found.frames += 1
             files.put(Exposure(frame, 0.0))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.virtual_devices import ANGLE_UNIT_RAD, SHAPE, TURN_RAD_S, Truth, VirtualDevice
+from drivers.errors import DeviceRefused
 from drivers.records import ClockFix, Frame, PolarizerFix
 from hw_mocks.world import Track
 
@@ -28,9 +29,11 @@ class VirtualPolarizer(VirtualDevice):
         return self.truth.source_rad if self.kind == "source_polarizer" else self.truth.world.polarizer_rad
 
     def start_turn(self, angle_rad: float) -> None:
-        """Begin to turn."""
+        """Begin to turn; as a real mount, it takes no order while it turns."""
         self.call(command=True)
         now = self.now_ns
+        if now < self._until_ns:
+            raise DeviceRefused("the mount is still turning", where=self.kind, advice="wait until it stands")
         start = self.track.at(now)
         self._until_ns = now + round(abs(angle_rad - start) / TURN_RAD_S * 1e9)
         self.track.move(start, angle_rad, now, self._until_ns)

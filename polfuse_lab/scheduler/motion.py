@@ -27,6 +27,8 @@ class Motion:
         """Where the polarizer of the light source was turned to."""
         self._target: MoveTo | None = None
         self._turning_rad: float | None = None
+        self._unfinished: set[str] = set()
+        """Polarizers with a turn whose end has not been seen."""
 
     def forget_orders(self) -> None:
         """Devices may have been stopped or opened again since: nothing is under way any more."""
@@ -77,8 +79,7 @@ class Motion:
 
     def start_turn(self, angle_rad: float) -> None:
         """Begin to turn the polarizer."""
-        devices = self._context.devices
-        devices.call("polarizer", devices.polarizer.start_turn, angle_rad)
+        self._order("polarizer", self._context.devices.polarizer, angle_rad)
         self._turning_rad = angle_rad
 
     def turn(self, angle_rad: float) -> None:
@@ -91,10 +92,18 @@ class Motion:
 
     def turn_source(self, angle_rad: float) -> None:
         """Turn the polarizer of the light source and wait until it stands."""
-        devices = self._context.devices
-        devices.call("source_polarizer", devices.source_polarizer.start_turn, angle_rad)
-        self.source_angle = self._stand("source_polarizer", devices.source_polarizer, angle_rad)
+        polarizer = self._context.devices.source_polarizer
+        self._order("source_polarizer", polarizer, angle_rad)
+        self.source_angle = self._stand("source_polarizer", polarizer, angle_rad)
         self._context.keep(SourceFix(self.source_angle))
+
+    def _order(self, kind: str, polarizer: Polarizer, angle_rad: float) -> None:
+        """Begin a turn. One that another device's loss interrupted is still under way, and no mount takes two."""
+        if kind in self._unfinished:
+            fix = self._stand(kind, polarizer, angle_rad)
+            self._context.keep(fix if kind == "polarizer" else SourceFix(fix))
+        self._context.devices.call(kind, polarizer.start_turn, angle_rad)
+        self._unfinished.add(kind)
 
     def _stand(self, kind: str, polarizer: Polarizer, angle_rad: float) -> PolarizerFix:
         context = self._context
@@ -102,6 +111,7 @@ class Motion:
         while True:
             fix = context.devices.call(kind, polarizer.poll)
             if not fix.moving:
+                self._unfinished.discard(kind)
                 return fix
             context.in_time(deadline, kind, f"did not reach {math.degrees(angle_rad):.1f} deg")
             context.control.slice()
