@@ -17,8 +17,15 @@ if TYPE_CHECKING:
 
 LOSS_S = 1.0
 """At most one position, or what is younger than this, may be lost."""
-TABLES = {"TrolleyFix": "trolley", "SwitchState": "switches", "PolarizerFix": "polarizer", "SourceFix": "source_polarizer", "ClockFix": "clocks",
-          "Note": "notes", "Event": "events"}  # fmt: skip
+TABLES = {
+    "TrolleyFix": "trolley",
+    "SwitchState": "switches",
+    "PolarizerFix": "polarizer",
+    "SourceFix": "source_polarizer",
+    "ClockFix": "clocks",
+    "Note": "notes",
+    "Event": "events",
+}
 
 
 def compare(trial: Trial, log: TapLog, path: Path | None, struck_ns: int) -> None:
