@@ -139,7 +139,7 @@ def focus_history(
     Args:
         session: an open session with a phase history.
         products_path: file to write to; other stages in it are kept.
-        method: ``"auto"``, ``"bp"``, ``"ffbp"``, ``"pfa"`` or ``"reference"``.
+        method: ``"auto"``, ``"bp"``, ``"ffbp"`` or ``"reference"``.
         tolerance_db: largest error of the method, dB below the image.
         grid: where to form the image; :func:`scene_grid` where left out.
         window: over frequency.

@@ -192,7 +192,7 @@ def test_sessions_that_are_no_rail_are_refused(tmp_path):
         ({"x_m": (2.0, -2.0)}, "no image"),
         ({"y_m": (-3.0, 5.0)}, "no image"),
         ({"step_m": (0.0, 0.1)}, "positive"),
-        ({"step_m": (1e-6, 1e-6)}, "memory"),
+        ({"step_m": (1e-6, 1e-6)}, "larger pixels"),
     ],
 )
 def test_grids_that_make_no_image_are_refused(session, wrong, words):
