@@ -13,7 +13,7 @@ import polfuse_lab as pf
 
 def main(path: str, arrays: str) -> None:
     """Replay, select by channel, position and angle, and save the arrays for any other program."""
-    played = pf.replay(path, Path(arrays).with_suffix(".replayed.h5"))
+    played = pf.replay_session(path, Path(arrays).with_suffix(".replayed.h5"))
     print(f"the same scheduler once more: {'identical' if played.identical else played.differences}")
 
     with pf.open_session(played.session) as session:

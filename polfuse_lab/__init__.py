@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from polfuse_lab.products.optics import optics
     from polfuse_lab.products.ranging import range_profiles
     from polfuse_lab.products.store import Products
-    from polfuse_lab.replay import replay
+    from polfuse_lab.replay import replay as replay_session
     from polfuse_lab.report.builder import report as write_report
     from polfuse_lab.rig import load_rig
     from polfuse_lab.session import open_session
@@ -46,7 +46,7 @@ __all__ = [
     "open_session",
     "optics",
     "range_profiles",
-    "replay",
+    "replay_session",
     "write_report",
 ]
 
@@ -63,7 +63,7 @@ _HOMES = {
     "open_session": ("polfuse_lab.session", "open_session"),
     "optics": ("polfuse_lab.products.optics", "optics"),
     "range_profiles": ("polfuse_lab.products.ranging", "range_profiles"),
-    "replay": ("polfuse_lab.replay", "replay"),
+    "replay_session": ("polfuse_lab.replay", "replay"),
     "write_report": ("polfuse_lab.report.builder", "report"),
 }
 

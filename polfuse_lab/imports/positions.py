@@ -116,6 +116,9 @@ def place(stops: Sequence[Stop], wishes: Wishes, where: str) -> tuple[list[Place
     count = placed[-1].position + 1 if placed else 0
     if count < 2:
         raise PolfuseError(f"{count} position is left", where=where, advice="leave out fewer bursts")
+    if wishes.positions not in (None, count):
+        # A burst that repeats one which was left out is a position of its own.
+        raise _miscount(count, wishes.positions, where)
     return placed, notes
 
 
@@ -139,7 +142,7 @@ def _suspects(stops: Sequence[Stop]) -> list[_Suspect]:
         if stop.seconds < SHORT * typical or not stop.usable:
             kind: Kind = "fragment" if burst in (0, len(stops) - 1) else "short"
             found.append(_Suspect(burst, kind, f"{name} is {stop.seconds:.2f} s long, others {typical:.2f} s"))
-        elif stop.repeats_previous:
+        elif stop.repeats_previous and burst:
             found.append(_Suspect(burst, "repeat", f"{name} looks like burst {burst}, as if it were the same position"))
         elif stop.moved:
             found.append(_Suspect(burst, "moved", f"{name} changes as if the cart had moved while the radar was on"))
@@ -165,8 +168,12 @@ def _believed(stops: Sequence[Stop], suspects: list[_Suspect], wishes: Wishes, w
         return readings[0]
     if suspects:
         raise _doubt(suspects, where, standing, wishes.positions)
-    raise PolfuseError(
-        f"holds {standing} positions, {wishes.positions} are expected", where=where,
+    raise _miscount(standing, wishes.positions, where)
+
+
+def _miscount(found: int, expected: int | None, where: str) -> PolfuseError:
+    return PolfuseError(
+        f"holds {found} positions, {expected} are expected", where=where,
         advice="check the number and the recording, or leave bursts out with --drop",
     )  # fmt: skip
 
