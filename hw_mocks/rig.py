@@ -302,7 +302,8 @@ NOTES = {
 def _table(name: str, values: Mapping[str, object]) -> str:
     note = f"  # {NOTES[name]}" if name in NOTES else ""
     lines = [f"[{name}]{note}"] if name else []
-    return "\n".join([*lines, *(f"{key} = {_toml(value)}" for key, value in values.items()), ""])
+    # TOML has no word for None: what is not there is left out.
+    return "\n".join([*lines, *(f"{key} = {_toml(value)}" for key, value in values.items() if value is not None), ""])
 
 
 def _toml(value: object) -> str:
