@@ -25,6 +25,8 @@ TROLLEY_LOOK_S = 0.08
 SWITCHES_LOOK_S = 0.25
 POLARIZER_LOOK_S = 0.25
 LOOK_TIMEOUT_S = 3.0
+TO_THE_END_S = 1.0
+"""A record that ends so soon is brought to its end although a device that is looked at was lost."""
 LAST_LOOK_S = 1.0
 """Longest wait for a look that is later than the record's end; drivers keep fixes for some hundredths of a second."""
 
@@ -65,10 +67,12 @@ class Watch:
         self._calls: dict[str, Future[Seen]] = {}
         self._due: dict[str, float] = {}
         self._seen: list[Seen] = []
+        self._failed: DeviceError | None = None
 
     def begin(self) -> None:
         """A record begins: forget what was seen before."""
         self._seen.clear()
+        self._failed = None
         self._calls.clear()
         now = time.monotonic()
         self._due = {kind: now + look.every_s for kind, look in self._looks.items()}
@@ -81,7 +85,7 @@ class Watch:
                 that completes the picture need not wait for one that comes too early.
 
         Raises:
-            DeviceError: a device failed meanwhile.
+            DeviceError: a device failed meanwhile, and the record would still take long.
         """
         now = time.monotonic()
         for kind, look in self._looks.items():
@@ -90,7 +94,14 @@ class Watch:
             call = self._calls.get(kind)
             if call is not None and call.done():
                 del self._calls[kind]
-                self._take(kind, call)
+                try:
+                    self._take(kind, call)
+                except DeviceError as error:
+                    if left_s > TO_THE_END_S:
+                        raise
+                    self._failed = error
+            elif self._failed is not None:
+                continue
             elif call is None and now >= self._due.get(kind, math.inf) and left_s > look.every_s / 2:
                 self._due[kind] = now + look.every_s
                 self._calls[kind] = self._context.devices.by_kind[kind].lane.submit(look.ask)
@@ -111,6 +122,8 @@ class Watch:
         for states in recalled.values():
             self._seen += states
         try:
+            if self._failed is not None:
+                raise self._failed
             for kind in self._looks:
                 if kind not in recalled:
                     self._take_pending(kind)

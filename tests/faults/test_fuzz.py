@@ -31,8 +31,8 @@ NAMES = (
     "fault scripts",
     "WAV file",
     "rig file",
-    "plan file",
     "scene file",
+    "plan file",
     "session file (recover)",
 )
 
