@@ -29,10 +29,10 @@ more changes; single writes fail; and then closing fails as well; the user's quo
 _FAULT = """\
 import errno, os
 append, end, count = writer.SessionWriter._append, writer.SessionWriter._end, [0]
-def failing(self, record):
+def failing(self, record, **how):
     count[0] += 1
     if count[0] >= {after}: raise OSError(errno.{name}, os.strerror(errno.{name}))
-    append(self, record)
+    append(self, record, **how)
 writer.SessionWriter._append = failing"""
 _FAULT_AT_END = """
 def failing_end(self, file, state, reason): raise RuntimeError("Unable to flush file (file write failed: errno = 5)")
