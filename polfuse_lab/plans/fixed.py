@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator
 from typing import ClassVar, Literal
 
@@ -60,9 +61,9 @@ class FixedPlan(LoopedPlan):
         """One stay for each record."""
         return tuple(Visit(repeat, self.x_m or 0.0, 0, repeat) for repeat in range(self.repeats))
 
+    @abstractmethod
     def record(self, position: int) -> Step:
         """The step that makes one record."""
-        raise NotImplementedError
 
     def unpaused_steps(self, mosaic: bool) -> Iterator[Step]:
         """Move there once; then record again and again."""
