@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 from audio_rig import Rig, finish, need, position_in_cycle, take
+from scipy.stats import theilslopes
 
 from drivers.contracts import Radar
 from drivers.errors import DeviceLost, DeviceRefused, DeviceTimeout
@@ -177,15 +178,21 @@ def test_clock_drift_of_the_card_shows_in_the_clock_fixes(make_rig: Callable[...
     rig = make_rig(pulse=True, clock_drift_ppm=1000.0)
     radar = SoundPort(options_for(rig))
     radar.open()
-    first = radar.clock()
-    time.sleep(3)
-    last = radar.clock()
+    # The first second holds the filling of the server's buffers, which come in a burst and not at the card's pace.
+    time.sleep(1.5)
+    fixes = []
+    end = time.monotonic() + 5
+    while time.monotonic() < end:
+        fix = radar.clock()
+        assert fix is not None
+        fixes.append((fix.t_host_ns * 1e-9, fix.t_device_s))
+        time.sleep(0.05)
     radar.close()
-    assert first is not None
-    assert last is not None
-    ratio = (last.t_device_s - first.t_device_s) / ((last.t_host_ns - first.t_host_ns) * 1e-9)
-    # 1000 ppm over some 3 s is 3 ms; the fixes' own uncertainty is about 1 ms each at the worst.
-    assert ratio - 1 == pytest.approx(1e-3, abs=0.7e-3)
+    host, device = np.asarray(fixes).T
+    # Theil-Sen's median of slopes: a busy machine delays single arrivals by 10 ms and more, but not most of them.
+    slope = theilslopes(device - host, host - host[0]).slope
+    # 1000 ppm over some 5 s is 5 ms; a fix's own uncertainty is about 1 ms, and their median's much less.
+    assert slope == pytest.approx(1e-3, abs=0.5e-3)
     assert radar.lost_frames == 0
 
 
