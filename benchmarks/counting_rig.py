@@ -7,6 +7,7 @@ plus n (modulo 2**16) in every pixel. The numbers go on from one session to the 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -227,9 +228,10 @@ class CountingRig:
         self.radar = CountingRadar(first_sample)
         self.camera = CountingCamera(first_frame)
 
-    def __call__(self, rig: Rig, path: Path, operator: Operator, control: Control, *, optics: bool) -> DeviceSet:
+    def __call__(self, rig: Rig, path: Path, operator: Operator, control: Control, kinds: Sequence[str]) -> DeviceSet:
         """The devices of a collect."""
         devices = DeviceSet(control)
         for made in (self.radar, _Switches(), _Trolley(), self.camera, _Polarizer()):
-            devices.by_kind[made.kind] = Device(made.kind, "counting", made, Lane(made.kind), by_hand=False)
+            if made.kind in kinds:
+                devices.by_kind[made.kind] = Device(made.kind, "counting", made, Lane(made.kind), by_hand=False)
         return devices

@@ -22,8 +22,8 @@ from benchmarks.soak_accelerated import Account, soak
 
 ACCELERATED_S, QUICK_ACCELERATED_S = 4 * 3600.0, 15.0
 WIRES_S, QUICK_WIRES_S, WIRES_SESSION_S = 1200.0, 10.0, 60.0
-POSITIONS, QUICK_POSITIONS = 12, 1
-"""Of a session, 20 s each at full rate; two sessions of 12 take up to 4 GB."""
+POSITIONS, QUICK_POSITIONS = 4, 1
+"""Of a session, 20 s each at full rate; two sessions of 4, stored as they are by a hurried writer, take 9 GB."""
 GROWTH_LIMIT_BYTES = 16e6
 """A process may be larger after the whole campaign by so much, or by what cannot be told from no growth."""
 SKIP_S, BLOCK_S = 10.0, 10.0
@@ -110,7 +110,7 @@ def _tell(account: Account) -> None:
 def _folder() -> tempfile.TemporaryDirectory[str]:
     """Memory where there is much of it, otherwise the disk."""
     memory = Path("/dev/shm")
-    roomy = memory.is_dir() and shutil.disk_usage(memory).free > 8e9
+    roomy = memory.is_dir() and shutil.disk_usage(memory).free > 12e9
     return tempfile.TemporaryDirectory(prefix="polfuse-soak-", dir=memory if roomy else None)
 
 

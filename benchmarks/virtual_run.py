@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -16,6 +16,7 @@ from benchmarks.virtual_optics import VirtualCamera, VirtualPolarizer
 from benchmarks.virtual_recorder import VirtualRecorder
 from benchmarks.virtual_time import VirtualClock, VirtualControl, VirtualLane, virtual_time
 from polfuse_lab.plans import Plan, plan_to_toml
+from polfuse_lab.plans.listing import planned
 from polfuse_lab.plans.steps import Step
 from polfuse_lab.rig import Rig, parse_model
 from polfuse_lab.scheduler import Control, Outcome, RunState, Scheduler
@@ -95,14 +96,11 @@ class VirtualRun:
         self.steps: tuple[Step, ...] = tuple(plan.steps(mosaic=self.rig.has_mosaic))
         self.truth = Truth(self.clock, step=self.step_name)
         self.recorder = VirtualRecorder(path, self.clock)
-        self.devices: dict[str, VirtualDevice] = {
-            device.kind: device for device in (VirtualRadar(self.truth), VirtualSwitches(self.truth),
-                                               VirtualTrolley(self.truth))
-        }  # fmt: skip
-        if plan.uses_camera:
-            optical = (VirtualCamera(self.truth), VirtualPolarizer(self.truth),
-                       VirtualPolarizer(self.truth, "source_polarizer"))  # fmt: skip
-            self.devices |= {device.kind: device for device in optical}
+        needed = planned(self.steps).devices
+        every = (VirtualRadar(self.truth), VirtualSwitches(self.truth), VirtualTrolley(self.truth),
+                 VirtualCamera(self.truth), VirtualPolarizer(self.truth),
+                 VirtualPolarizer(self.truth, "source_polarizer"))  # fmt: skip
+        self.devices: dict[str, VirtualDevice] = {device.kind: device for device in every if device.kind in needed}
         self.control = VirtualControl(self.clock, self._point)
         self.changes: list[Change] = []
         self.outcome: Outcome | None = None
@@ -213,9 +211,12 @@ class VirtualRun:
         )
         self._point("change")
 
-    def _make_devices(self, rig: Rig, path: Path, operator: Prompts, control: Control, *, optics: bool) -> DeviceSet:
+    def _make_devices(
+        self, rig: Rig, path: Path, operator: Prompts, control: Control, kinds: Sequence[str]
+    ) -> DeviceSet:
         made = DeviceSet(control)
-        for kind, device in self.devices.items():
+        for kind in kinds:
+            device = self.devices[kind]
             made.by_kind[kind] = Device(kind, "virtual", device, VirtualLane(kind, self.clock), by_hand=False)
         return made
 

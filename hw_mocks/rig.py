@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import shutil
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -23,6 +22,7 @@ from hw_mocks.wire import Kind, Wire
 from hw_mocks.world import World
 from hw_mocks.world_link import WorldServer
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.rig.toml_model import toml_value
 
 Audio = Literal["auto", "pulse", "tcp"]
 Camera = Literal["scene", "gige"]
@@ -303,13 +303,5 @@ def _table(name: str, values: Mapping[str, object]) -> str:
     note = f"  # {NOTES[name]}" if name in NOTES else ""
     lines = [f"[{name}]{note}"] if name else []
     # TOML has no word for None: what is not there is left out.
-    return "\n".join([*lines, *(f"{key} = {_toml(value)}" for key, value in values.items() if value is not None), ""])
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{json.dumps(key)} = {_toml(item)}" for key, item in value.items()) + " }"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    # JSON writes strings, numbers and booleans as TOML does.
-    return json.dumps(value)
+    lines += [f"{key} = {toml_value(value)}" for key, value in values.items() if value is not None]
+    return "\n".join([*lines, ""])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from drivers import contracts
@@ -21,7 +23,7 @@ from polfuse_lab.replay.records import audio_block, frame, polarizer_fix, source
 from polfuse_lab.replay.tape import Diverged, Tape
 from polfuse_lab.rig import Rig
 from polfuse_lab.scheduler.control import Control
-from polfuse_lab.scheduler.devices import Device, DeviceSet, device_kinds
+from polfuse_lab.scheduler.devices import Device, DeviceSet, in_order
 from polfuse_lab.scheduler.lane import Lane
 from polfuse_lab.scheduler.watch import Seen
 
@@ -280,12 +282,16 @@ class PlaybackCamera(Playback):
         return None
 
 
-def playback_devices(tape: Tape, clock: ReplayClock, rig: Rig, control: Control, *, optics: bool) -> DeviceSet:
-    """One playback device for each device of the recording, in the scheduler's order."""
-    recorded = [Identity(**fields) for fields in tape.session.config["identities"]]
+def playback_devices(tape: Tape, clock: ReplayClock, rig: Rig, control: Control, kinds: Sequence[str]) -> DeviceSet:
+    """One playback device for each device of the recording, or that the plan asks for, in the scheduler's order.
+
+    A recording may have more than its plan asks for: earlier versions opened the whole rig.
+    """
+    identities = [Identity(**fields) for fields in tape.session.config["identities"]]
+    recorded = {identity.kind: identity for identity in identities}
     made = DeviceSet(control)
-    for number, kind in enumerate(device_kinds(rig, optics=optics)):
-        identity = recorded[number] if number < len(recorded) else Identity(kind, "replay", f"recorded {kind}")
+    for kind in in_order({*kinds, *recorded}):
+        identity = recorded.get(kind) or Identity(kind, "replay", f"recorded {kind}")
         device: contracts.Device
         match kind:
             case "radar":

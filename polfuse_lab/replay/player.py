@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -134,8 +134,10 @@ class Player:
         """The present status, as in a collect."""
         return self._scheduler.status()
 
-    def _make_devices(self, rig: Rig, path: Path, operator: Prompts, control: Control, *, optics: bool) -> DeviceSet:
-        made = playback_devices(self._tape, self.clock, rig, control, optics=optics)
+    def _make_devices(
+        self, rig: Rig, path: Path, operator: Prompts, control: Control, kinds: Sequence[str]
+    ) -> DeviceSet:
+        made = playback_devices(self._tape, self.clock, rig, control, kinds)
         self._control.devices = made
         return made
 

@@ -107,17 +107,18 @@ def _toml_tables(model: BaseModel, table: tuple[str, ...], without: tuple[str, .
         elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
             inner += [f"[[{'.'.join(path)}]]\n{_toml_tables(item, path, ())}" for item in value]
         else:
-            lines.append(f"{name} = {_toml_value(value)}\n")
+            lines.append(f"{name} = {toml_value(value)}\n")
     return "".join(lines) + "".join(inner)
 
 
-def _toml_value(value: object) -> str:
+def toml_value(value: object) -> str:
+    """A string, number, boolean, list or table as TOML writes it on one line (long strings on several)."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (tuple, list)):
-        return f"[{', '.join(map(_toml_value, value))}]"
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{_toml_value(key)} = {_toml_value(item)}" for key, item in value.items()) + "}"
+        return f"[{', '.join(map(toml_value, value))}]"
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{toml_value(key)} = {toml_value(item)}" for key, item in value.items()) + "}"
     if isinstance(value, str):
         if "\n" in value and "'''" not in value + "'" and all(c.isprintable() or c == "\n" for c in value):
             return f"'''\n{value}'''"

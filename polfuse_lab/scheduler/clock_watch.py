@@ -28,14 +28,11 @@ class ClockWatch:
         self._calls: dict[str, Future[ClockFix | None]] = {}
         self._due = 0.0
         self._rounds = 0
-        self._readers = {
-            kind: device.clock
-            for kind, device in (
-                ("radar", devices.radar),
-                ("camera", devices.camera if "camera" in devices else None),
-            )
-            if device is not None
-        }
+        self._readers: dict[str, Callable[[], ClockFix | None]] = {}
+        if "radar" in devices:
+            self._readers["radar"] = devices.radar.clock
+        if "camera" in devices:
+            self._readers["camera"] = devices.camera.clock
 
     def now(self) -> None:
         """Take one fix from each device and wait for it. Raises as :meth:`DeviceSet.call`."""

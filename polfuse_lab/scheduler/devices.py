@@ -5,7 +5,7 @@ from __future__ import annotations
 import concurrent.futures
 import inspect
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +21,7 @@ from polfuse_lab.scheduler.lane import Lane
 
 Result = TypeVar("Result")
 
+ORDER = ("radar", "switches", "trolley", "camera", "polarizer", "source_polarizer")
 OPEN_S = 30.0
 """Longest that a driver may take to open (its own time-out is shorter; a camera starts a process)."""
 SAFE_S = 0.6
@@ -184,18 +185,15 @@ class DeviceSet:
                 device.lane.join(1.0)
 
 
-def device_kinds(rig: Rig, *, optics: bool) -> list[str]:
-    """Kinds of the devices of a run on a rig, in the order in which they are made and named."""
-    kinds = ["radar", "switches", "trolley"]
-    if optics:
-        # Without the camera of a plan that has one, its driver says so.
-        kinds += ["camera"] if rig.has_mosaic else ["camera", "polarizer"]
-        kinds += ["source_polarizer"] if rig.source_polarizer is not None else []
-    return kinds
+def in_order(kinds: Collection[str]) -> tuple[str, ...]:
+    """Kinds of devices in the order in which they are made and named."""
+    return tuple(kind for kind in ORDER if kind in kinds)
 
 
-def make_devices(rig: Rig, path: Path, operator: contracts.Operator, control: Control, *, optics: bool) -> DeviceSet:
-    """Make the drivers that the rig file names; camera and polarizers only with ``optics``.
+def make_devices(
+    rig: Rig, path: Path, operator: contracts.Operator, control: Control, kinds: Sequence[str]
+) -> DeviceSet:
+    """Make the drivers that the rig file names for ``kinds``: what a plan does not speak to need not be connected.
 
     Raises:
         FileMistake: an unknown driver, or a wrong option.
@@ -203,7 +201,7 @@ def make_devices(rig: Rig, path: Path, operator: contracts.Operator, control: Co
     """
     devices = DeviceSet(control)
     try:
-        for kind in device_kinds(rig, optics=optics):
+        for kind in kinds:
             devices.by_kind[kind] = make_device(rig, kind, path, operator)
     except BaseException:
         for device in devices.by_kind.values():

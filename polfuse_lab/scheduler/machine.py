@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from drivers.errors import DeviceError
 from polfuse_lab.errors import PolfuseError
@@ -20,7 +21,7 @@ from polfuse_lab.scheduler.actions import Actions
 from polfuse_lab.scheduler.clock_watch import ClockWatch
 from polfuse_lab.scheduler.control import Aborted, Control
 from polfuse_lab.scheduler.describe import describe
-from polfuse_lab.scheduler.devices import DeviceSet, make_devices
+from polfuse_lab.scheduler.devices import DeviceSet, in_order, make_devices
 from polfuse_lab.scheduler.keeping import Keeper
 from polfuse_lab.scheduler.passes import PassPaused
 from polfuse_lab.scheduler.prompts import Prompts
@@ -116,26 +117,31 @@ class Scheduler:
         self._set(steps=len(planned.steps), positions=planned.planned.positions)
         self.control.tick = self._tick
         self._enter(RunState.PREPARING, "opening the devices")
-        optics = self._plan.uses_camera
-        self._devices = self._make_devices(self._rig, self._rig_path, self.prompts, self.control, optics=optics)
+        kinds = in_order(planned.planned.devices)
+        self._devices = self._make_devices(self._rig, self._rig_path, self.prompts, self.control, kinds)
         self._devices.open_all()
-        self._enter(RunState.PREPARING, "listening to the radar")
         self._actions = Actions(self._rig, self._plan, self._devices, self.control, self.prompts, self._keeper.keep)
         self._clocks = ClockWatch(self._devices, self._keeper.keep)
         self._recovery = Recovery(
             self._devices, self._plan, self.control, self.prompts, lambda text: self._enter(RunState.PAUSED, text)
         )
-        block = self._actions.probe()
+        audio: dict[str, Any] = {"sample_rate_hz": self._rig.radar.sample_rate_hz}
+        if "radar" in self._devices:
+            self._enter(RunState.PREPARING, "listening to the radar")
+            block = self._actions.probe()
+            audio = {
+                "sample_rate_hz": block.sample_rate_hz,
+                "sample_dtype": block.samples.dtype.name,
+                "audio_channels": block.samples.shape[1],
+                "audio_block_frames": largest_record_frames(self._rig, planned.steps, block.sample_rate_hz),
+            }
         self._enter(RunState.PREPARING, "beginning the session file")
         rig_toml, plan_toml = self._texts
         config = SessionConfig(
             source="collect",
             waveform=self._rig.waveform,
-            sample_rate_hz=block.sample_rate_hz,
-            sample_dtype=block.samples.dtype.name,
-            audio_channels=block.samples.shape[1],
-            audio_block_frames=largest_record_frames(self._rig, planned.steps, block.sample_rate_hz),
-            frame_shape=self._devices.camera.shape if optics else None,
+            **audio,
+            frame_shape=self._devices.camera.shape if "camera" in self._devices else None,
             frame_dtype=self._rig.camera.counts_dtype if self._rig.camera is not None else "uint16",
             rig_toml=rig_toml,
             plan_toml=plan_toml,

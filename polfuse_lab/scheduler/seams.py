@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -62,5 +63,5 @@ class Viewer(Protocol):
 class DeviceMaker(Protocol):
     """Makes the devices of a run; :func:`polfuse_lab.scheduler.devices.make_devices` is the usual one."""
 
-    def __call__(self, rig: Rig, path: Path, operator: Prompts, control: Control, *, optics: bool) -> DeviceSet:
-        """Make the drivers that the rig needs, not yet opened. Raises :class:`PolfuseError`."""
+    def __call__(self, rig: Rig, path: Path, operator: Prompts, control: Control, kinds: Sequence[str]) -> DeviceSet:
+        """Make the drivers of these kinds of devices, not yet opened. Raises :class:`PolfuseError`."""
