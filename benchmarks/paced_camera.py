@@ -7,11 +7,19 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.errors import DeviceLost
 from drivers.records import ClockFix, Frame, Identity
 
 BUFFERS = 8
+CYCLE = 65_536
+"""Numbers of the first pixel after which they come again."""
+
+
+def number_of(image: NDArray[np.generic]) -> int:
+    """Number, modulo 65,536, of the frame."""
+    return int(image[0, 0])
 
 
 class PacedCamera:

@@ -51,8 +51,8 @@ def accelerated(simulated_s: float, *, quick: bool = False, state: Path | None =
 
 
 def wires(seconds: float, *, quick: bool = False) -> list[Row]:
-    """The soak in real time over the wires."""
-    with _folder() as folder, MemoryWatch() as watch:
+    """The soak in real time over the wires, onto the disk as in the field."""
+    with tempfile.TemporaryDirectory(prefix="polfuse-soak-") as folder, MemoryWatch() as watch:
         watch.watch("engine", os.getpid())
         found = soak_wires.soak(Path(folder), seconds, WIRES_SESSION_S, watch)
         words = (

@@ -1,7 +1,7 @@
 """Reads the sessions of a soak and accounts for every sample: ``python -m benchmarks.soak_check``.
 
-One JSON object a line on standard input (``path``, ``first_sample``, ``first_frame``, or ``path`` and ``content`` =
-"wires" for devices with numbers of their own), one a line on standard output
+One JSON object a line on standard input (``path``, ``first_sample``, ``first_frame``, or ``path`` and ``camera`` =
+"GigE Vision" or "paced driver" for devices with numbers of their own), one a line on standard output
 (``samples``, ``frames``, ``problems``). A sound session is deleted; the process ends with its standard input.
 """
 
@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import paced_camera, wire_camera
 from benchmarks.counting_card import numbers
 from benchmarks.counting_rig import SHAPE, counted_audio, counted_image
-from benchmarks.wire_camera import CYCLE, number_of
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.session import info, open_session
 
@@ -61,6 +61,10 @@ class Checker:
         found: dict[str, Any] = json.loads(line)
         return found
 
+    def told(self) -> dict[str, Any] | None:
+        """Outcome of the oldest question, None while it is being checked."""
+        return None if self._answers.empty() else self.answer()
+
     def close(self) -> None:
         """End it."""
         assert self._process.stdin is not None
@@ -99,9 +103,10 @@ def check(path: Path, first_sample: int, first_frame: int) -> dict[str, object]:
     return {"samples": sample - first_sample, "frames": number - first_frame, "problems": found[:20]}
 
 
-def check_wires(path: Path) -> dict[str, object]:
-    """Account for a session over the wires: numbers follow each other within records, and differ from the devices' own
+def check_wires(path: Path, camera: str) -> dict[str, object]:
+    """Account for a session over the wires of either camera: numbers follow each other within records, and differ from the devices' own
     counts by constants."""
+    pictures = wire_camera if camera == "GigE Vision" else paced_camera
     found: list[str] = list(info(path)["problems"])
     samples = 0
     offsets: set[int] = set()
@@ -114,8 +119,8 @@ def check_wires(path: Path) -> dict[str, object]:
             samples += len(counted)
         offsets = set()
         for index, row in enumerate(session.frames):
-            number = number_of(session.frame(index))
-            offsets.add(-1 if number is None else (int(row["frame_id"]) - number) % CYCLE)
+            number = pictures.number_of(session.frame(index))
+            offsets.add(-1 if number is None else (int(row["frame_id"]) - number) % pictures.CYCLE)
             if len(offsets) > 1 or number is None:
                 found.append(f"frame {index} does not show its number")
         return {"samples": samples, "frames": len(session.frames), "problems": found[:20]}
@@ -127,8 +132,12 @@ def main() -> None:
         asked = json.loads(line)
         path = Path(asked["path"])
         try:
-            wires = asked.get("content") == "wires"
-            told = check_wires(path) if wires else check(path, asked["first_sample"], asked["first_frame"])
+            wires = "camera" in asked
+            told = (
+                check_wires(path, asked["camera"])
+                if wires
+                else check(path, asked["first_sample"], asked["first_frame"])
+            )
         except PolfuseError as error:
             told = {"samples": 0, "frames": 0, "problems": [str(error)]}
         told["file_bytes"] = path.stat().st_size if path.is_file() else 0

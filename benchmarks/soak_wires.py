@@ -11,6 +11,7 @@ import threading
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from benchmarks.counting_rig import rig
 from benchmarks.full_rate import FRAME_HZ, RATE_HZ, SHAPE, counting_card, paced_camera, sound_port, wire_camera
@@ -67,6 +68,7 @@ class Files:
         self._checker = Checker()
         watch.watch("checker", self._checker.pid)
         self._closing: list[threading.Thread] = []
+        self._answered = 0
         self._number = 0
         self._begin()
         self._take_next()
@@ -79,6 +81,8 @@ class Files:
 
     def roll_over(self) -> None:
         """Go on in the next session."""
+        while (told := self._checker.told()) is not None:
+            self._take(told)
         self._close(self._present)
         self._take_next()
 
@@ -89,12 +93,15 @@ class Files:
         self._close(self._present)
         for thread in self._closing:
             thread.join(CLOSE_S)
-        for _ in self._closing:
-            told = self._checker.answer()
-            self._found.samples_checked += told["samples"]
-            self._found.frames_checked += told["frames"]
-            self._found.problems += told["problems"]
+        while self._answered < len(self._closing):
+            self._take(self._checker.answer())
         self._checker.close()
+
+    def _take(self, told: dict[str, Any]) -> None:
+        self._answered += 1
+        self._found.samples_checked += told["samples"]
+        self._found.frames_checked += told["frames"]
+        self._found.problems += told["problems"]
 
     def _begin(self) -> None:
         self._next = WriterProcess(self._folder / f"wires-{self._number:04d}.h5")
@@ -119,7 +126,7 @@ class Files:
     def _close(self, recorder: WriterProcess) -> None:
         def work() -> None:
             path = recorder.close("finished", "")
-            self._checker.ask(path=str(path), content="wires")
+            self._checker.ask(path=str(path), camera=self._found.camera)
 
         thread = threading.Thread(target=work, name="last session")
         thread.start()
@@ -158,7 +165,8 @@ def _record(
     rolled, triggers, waiting = start, 0, False
     next_frame: int | None = None
     radar.begin(RECORD_FRAMES)
-    while (now := time.monotonic()) - start < seconds:
+    # Sessions with a problem are kept, so that one would fill the disk before the time is over.
+    while (now := time.monotonic()) - start < seconds and not found.problems:
         found.longest_poll_s, last = max(found.longest_poll_s, now - last), now
         if not waiting and now - start >= triggers * trigger_s:
             camera.trigger()
