@@ -104,8 +104,8 @@ def check(path: Path, first_sample: int, first_frame: int) -> dict[str, object]:
 
 
 def check_wires(path: Path, camera: str) -> dict[str, object]:
-    """Account for a session over the wires of either camera: numbers follow each other within records, and differ from the devices' own
-    counts by constants."""
+    """Account for a session over the wires of either camera: numbers follow each other within records, and differ from
+    the devices' own counts by constants."""
     pictures = wire_camera if camera == "GigE Vision" else paced_camera
     found: list[str] = list(info(path)["problems"])
     samples = 0
