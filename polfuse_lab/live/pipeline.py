@@ -1,4 +1,4 @@
-"""The live view: what has just been recorded, compressed to a range profile, and what is wrong with it.
+"""Judging records inside the engine: each is compressed to a range profile, and what is wrong with it is said.
 
 It looks at copies of the records in a thread of its own. When it cannot keep up it skips the oldest; acquisition never
 waits for it.
