@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from processing.fusion.kmeans import kmeans
@@ -34,6 +36,8 @@ def warm_up() -> None:
     grid = ImageGrid(x_m=np.linspace(-1.0, 1.0, 8), y_m=np.linspace(4.0, 8.0, 8), z_m=-1.0)
     for interpolator in ("linear", "cubic", "sinc8", "sinc16"):  # one kernel for each filter length
         backproject(profiles, grid, interpolator=interpolator)
+    # A single position goes into a live image by a kernel of its own.
+    backproject(replace(profiles, values=profiles.values[:, :1], antenna_m=antenna_m[:1]), grid)
     range_migration(profiles, grid)
     for settings in (Settings(8, 1.8, 1.8), Settings(12, 2.0, 2.4)):  # one kernel for each height of a patch
         factorized(profiles, grid, settings=settings)

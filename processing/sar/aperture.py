@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import windows
 
 from processing.errors import DataError
-from processing.radar.antenna import boresight, one_way_gain
+from processing.radar.antenna import AntennaPair, boresight, one_way_gain
 from processing.radar.profiles import RangeProfiles
 from processing.sar.grid import Grid, ImageGrid
 
@@ -171,9 +171,35 @@ def even_track(antenna_m: NDArray[np.float64], *, tolerance: float = 0.01) -> Ev
 
 
 def two_way_gain(
+    antenna_m: NDArray[np.float64],
+    grid: Grid,
+    beamwidth_rad: float,
+    depression_rad: float,
+    pair: AntennaPair | None = None,
+) -> NDArray[np.float64]:
+    """Two-way amplitude pattern, (rows, columns), of antennas that look along +y and down.
+
+    It is the product of the antennas' one-way amplitude patterns, each seen from its own place.
+
+    Args:
+        antenna_m: (3,) the platform's point.
+        grid: the places that are looked at.
+        beamwidth_rad: half-power beam width of one antenna.
+        depression_rad: angle of the antennas' axes below horizontal.
+        pair: the antennas' phase centres on the platform; both at its point where left out.
+    """
+    pair = AntennaPair() if pair is None else pair
+    there = _power_pattern(antenna_m + np.asarray(pair.transmit_m), grid, beamwidth_rad, depression_rad)
+    if pair.transmit_m == pair.receive_m:
+        return there
+    back = _power_pattern(antenna_m + np.asarray(pair.receive_m), grid, beamwidth_rad, depression_rad)
+    gain: NDArray[np.float64] = np.sqrt(there * back)
+    return gain
+
+
+def _power_pattern(
     antenna_m: NDArray[np.float64], grid: Grid, beamwidth_rad: float, depression_rad: float
 ) -> NDArray[np.float64]:
-    """Two-way amplitude pattern, (rows, columns), from one place (3,) of antennas that look along +y and down."""
     away = [place - antenna for place, antenna in zip(grid.places_m(), antenna_m, strict=True)]
     distance = np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
     axis = boresight(depression_rad)

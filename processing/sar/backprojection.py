@@ -199,6 +199,7 @@ class LiveImage:
         gains: NDArray[np.float32],
     ) -> None:
         from processing.sar.backprojection_kernel import Signal, Table, add_pulses
+        from processing.sar.backprojection_live import FEW, add_few
         from processing.sar.segments import segment_tables, table_stride
 
         bins = len(profiles.range_m)
@@ -235,8 +236,9 @@ class LiveImage:
             count = values.shape[1]
             numbers = np.pad(track[:, some], ((0, 0), (0, -count % 16)), mode="edge").ravel()
             factor = np.ascontiguousarray(factors[:, some])
+            add = add_few if count <= FEW else add_pulses
             for pixel, ground in flat_places(self.grid, across, ROWS, line):
-                add_pulses(table, layout, signal, count, numbers, factor, pixel, ground, total, gains)
+                add(table, layout, signal, count, numbers, factor, pixel, ground, total, gains)
 
     def image(self) -> NDArray[np.complex64]:
         """The image of what was added so far, (channels, rows, columns) complex64; more can be added afterwards."""

@@ -38,10 +38,10 @@ def backproject_reference(
     total = np.zeros((len(pulses.values), *grid.shape), dtype=np.complex128)
     gain_total = np.zeros(total.shape)
     for n, antenna in enumerate(pulses.antenna_m):
-        gain = np.ones(grid.shape)
-        if beamwidth_rad is not None:
-            gain = two_way_gain(antenna, grid, beamwidth_rad, depression_rad)
         for pair, channels in channel_groups(profiles):
+            gain = np.ones(grid.shape)
+            if beamwidth_rad is not None:
+                gain = two_way_gain(antenna, grid, beamwidth_rad, depression_rad, pair)
             distance = range_to(antenna, pair, places)
             seen, turns = distance, 2 * profiles.centre_hz / SPEED_OF_LIGHT_M_S * distance
             if moving.modelled and pulses.velocity_m_s is not None:

@@ -144,7 +144,7 @@ def gain_sum(
     """``sum w g^2`` at every pixel, (rows, columns); NaN where no pulse illuminates it.
 
     Args:
-        track: the aperture; the pattern is that of the transmitting antenna's place.
+        track: the aperture.
         weights: (pulses,).
         x_m: of the pixels, (rows, columns).
         y_m: of the pixels.
@@ -155,10 +155,9 @@ def gain_sum(
     nodes = [np.unique(np.linspace(0, n - 1, min(n, GAIN_NODES)).round().astype(int)) for n in x_m.shape]
     at = np.ix_(*nodes)
     total = np.zeros((len(nodes[0]), len(nodes[1])))
-    for place, weight in zip(track.transmit_m, weights, strict=True):
-        dx, dy, dz = x_m[at] - place[0], y_m[at] - place[1], z_m - place[2]
-        cosine = (axis[0] * dx + axis[1] * dy + axis[2] * dz) / np.sqrt(dx**2 + dy**2 + dz**2)
-        total += weight * np.clip(cosine, 0.0, 1.0) ** (2 * exponent)
+    nodes_m = x_m[at], y_m[at], z_m
+    for transmit, receive, weight in zip(track.transmit_m, track.receive_m, weights, strict=True):
+        total += weight * _cosine(transmit, *nodes_m, axis) ** exponent * _cosine(receive, *nodes_m, axis) ** exponent
     level = np.log(np.maximum(total, 1e-30))
     if min(level.shape) < 4:
         # Few rows or columns are nodes all of them; a spline needs four.
@@ -171,3 +170,13 @@ def gain_sum(
         spline = RectBivariateSpline(*nodes, level)
     between = spline(np.arange(x_m.shape[0]), np.arange(x_m.shape[1]))
     return np.where(between < math.log(1e-25), np.nan, np.exp(between)).astype(np.float32)
+
+
+def _cosine(
+    antenna_m: NDArray[np.float64], x_m: NDArray[np.float64], y_m: NDArray[np.float64], z_m: float,
+    axis: NDArray[np.float64],
+) -> NDArray[np.float64]:  # fmt: skip
+    """Cosine of the angle at which an antenna sees places, 0 behind it."""
+    dx, dy, dz = x_m - antenna_m[0], y_m - antenna_m[1], z_m - antenna_m[2]
+    cosine = (axis[0] * dx + axis[1] * dy + axis[2] * dz) / np.sqrt(dx**2 + dy**2 + dz**2)
+    return np.clip(cosine, 0.0, 1.0)

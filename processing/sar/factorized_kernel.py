@@ -99,6 +99,11 @@ def _read_pulse(
             distance = math.sqrt(max(dx * dx + dy * dy + tz * tz + excess[i], 1e-12))
             toward = (axis[0] * dx + axis[1] * dy + axis[2] * tz) / distance
             gain = np.float32(toward**exponent if toward > 0.0 else 0.0)
+            if not same:
+                ex, ey = x[i] - receive[0], y[i] - receive[1]
+                distance = math.sqrt(max(ex * ex + ey * ey + rz * rz + excess[i], 1e-12))
+                back = (axis[0] * ex + axis[1] * ey + axis[2] * rz) / distance
+                gain = np.float32((toward * back) ** (0.5 * exponent) if min(toward, back) > 0.0 else 0.0)
             cosine[i] *= gain
             sine[i] *= gain
 

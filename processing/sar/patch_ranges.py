@@ -28,6 +28,7 @@ from processing.simd import (
     store_whole,
     to_float32,
     to_float64,
+    where_positive,
 )
 
 PULSES = 128
@@ -308,6 +309,47 @@ def keep_small(
         store(kept, at + SIN, sine)
 
 
+@njit(**INSIDE)
+def seen_exactly(x: Any, y: Any, z: Any, at: int, step: int, track: Any, signal: Any) -> Any:
+    """Range at which sixteen pixels appear to one pulse, turns of phase there (both float64), and the cosine (float32)
+    of the angle from the antennas' axis; of two antennas the geometric mean, 0 behind either.
+
+    Args:
+        x: of the pixels, m.
+        y: likewise.
+        z: likewise.
+        at: the pulse.
+        step: pulses from one row of the track to the next.
+        track: as for :func:`processing.sar.backprojection_kernel.add_pulses`.
+        signal: the radar.
+    """
+    half = splat(0.5)
+    dx, dy, dz = x - splat(track[at]), y - splat(track[step + at]), z - splat(track[2 * step + at])
+    distance = sqrt(fma(dx, dx, fma(dy, dy, dz * dz)))
+    along = fma(dx, splat(signal.axis_x), fma(dy, splat(signal.axis_y), dz * splat(signal.axis_z)))
+    cosine = to_float32(along) / to_float32(distance)
+    radial = distance
+    if signal.moving:
+        radial = _closing(dx, dy, dz, track, step, at) / distance
+    if signal.bistatic:
+        dx, dy, dz = x - splat(track[3 * step + at]), y - splat(track[4 * step + at]), z - splat(track[5 * step + at])
+        back = sqrt(fma(dx, dx, fma(dy, dy, dz * dz)))
+        along = fma(dx, splat(signal.axis_x), fma(dy, splat(signal.axis_y), dz * splat(signal.axis_z)))
+        received, none = to_float32(along) / to_float32(back), splat(np.float32(0))
+        mean = sqrt(maximum(cosine * received, none))
+        cosine = where_positive(cosine, where_positive(received, mean, none), none)
+        if signal.moving:
+            radial = (radial + _closing(dx, dy, dz, track, step, at) / back) * half
+        distance = (distance + back) * half
+    seen = distance
+    turns = distance * splat(signal.turns_per_m)
+    if signal.moving:
+        distance = distance - distance * radial * splat(1 / C)
+        seen = fma(radial, splat(signal.walk_s) - distance * splat(2 / C), distance)
+        turns = fma((seen - distance) * (seen + distance), splat(signal.video), distance * splat(signal.turns_per_m))
+    return seen, turns, cosine
+
+
 @njit(**STRICT)
 def keep_exact(
     window: int, p: int, step: int, count: int, pixels: Any, track: Any, firsts: Any, signal: Any, layout: Any,
@@ -328,34 +370,9 @@ def keep_exact(
         kept: (KEPT * pulses,) float32 that results go to.
     """
     x, y, z = load(pixels, 0), load(pixels, 16), load(pixels, 32)
-    half = splat(0.5)
     for q in range(count):
         at = p + q
-        dx, dy, dz = x - splat(track[at]), y - splat(track[step + at]), z - splat(track[2 * step + at])
-        distance = sqrt(fma(dx, dx, fma(dy, dy, dz * dz)))
-        along = fma(dx, splat(signal.axis_x), fma(dy, splat(signal.axis_y), dz * splat(signal.axis_z)))
-        cosine = to_float32(along) / to_float32(distance)
-        radial = distance
-        if signal.moving:
-            radial = _closing(dx, dy, dz, track, step, at) / distance
-        if signal.bistatic:
-            dx, dy, dz = (
-                x - splat(track[3 * step + at]),
-                y - splat(track[4 * step + at]),
-                z - splat(track[5 * step + at]),
-            )
-            back = sqrt(fma(dx, dx, fma(dy, dy, dz * dz)))
-            if signal.moving:
-                radial = (radial + _closing(dx, dy, dz, track, step, at) / back) * half
-            distance = (distance + back) * half
-        seen = distance
-        turns = distance * splat(signal.turns_per_m)
-        if signal.moving:
-            distance = distance - distance * radial * splat(1 / C)
-            seen = fma(radial, splat(signal.walk_s) - distance * splat(2 / C), distance)
-            turns = fma(
-                (seen - distance) * (seen + distance), splat(signal.video), distance * splat(signal.turns_per_m)
-            )
+        seen, turns, cosine = seen_exactly(x, y, z, at, step, track, signal)
         place = (seen - splat(track[9 * step + at])) * splat(signal.bins_per_m) - splat(firsts[q] + 0.5)
         n = rint(place)
         if window == 0:

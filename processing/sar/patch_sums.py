@@ -41,7 +41,7 @@ _LOOKUPS = {
 }
 
 
-def _sampler(window: int, fixed: int) -> Callable[..., Any]:
+def sampler(window: int, fixed: int) -> Callable[..., Any]:
     """A function for profiles between bins, by Horner's rule; polynomials of the degree ``fixed``, 0 for any."""
     look = _LOOKUPS[window]
 
@@ -64,7 +64,7 @@ def _single(fixed: int, line: bool) -> Callable[..., Any]:
     Its arguments: pulses, offsets of the pixels, numbers and rows of :mod:`processing.sar.patch_ranges`, turns of phase
     per bin, layout of the table, the table, and sums (float64) with the place there.
     """
-    sample = _sampler(16, fixed)
+    sample = sampler(16, fixed)
 
     @njit(**STRICT)
     def add(
@@ -90,7 +90,7 @@ def _single(fixed: int, line: bool) -> Callable[..., Any]:
 
 def _shared(window: int) -> Callable[..., Any]:
     """A function that adds a block of pulses of one channel to a patch, by what was kept for all channels."""
-    sample = _sampler(window, 0)
+    sample = sampler(window, 0)
 
     @njit(**STRICT)
     def add(count: int, kept: Any, rows: Any, shift: int, layout: Any, table: Any, sums: Any, at: int) -> None:

@@ -55,6 +55,7 @@ def segment_polynomials(interpolator: str, oversampling: float) -> NDArray[np.fl
     return fitted
 
 
+@functools.lru_cache(maxsize=64)
 def filter_error_db(interpolator: str, oversampling: float) -> float:
     """Root mean square error of a filter over an evenly filled band, dB: what back-projection with it errs by.
 

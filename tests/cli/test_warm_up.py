@@ -6,13 +6,14 @@ from polfuse_lab.warm_up import warm_up
 from processing.fusion import kmeans
 from processing.optics import stokes
 from processing.radar import ridges
-from processing.sar import backprojection_kernel, segments, stolt
+from processing.sar import backprojection_kernel, backprojection_live, segments, stolt
 
 
 def test_every_kernel_is_compiled() -> None:
     warm_up()
     kernels = [
         backprojection_kernel.add_pulses,
+        backprojection_live.add_few,
         *(
             thing
             for module in (segments, stolt, stokes, kmeans, ridges)

@@ -7,6 +7,7 @@ from processing.simd import (
     INDEX_BITS,
     fma,
     gather,
+    largest,
     load,
     log2_parts,
     lookup16,
@@ -14,6 +15,7 @@ from processing.simd import (
     maximum,
     minimum,
     rint,
+    smallest,
     splat,
     sqrt,
     store,
@@ -49,6 +51,18 @@ def test_vectors_compute_as_numpy_does():
     np.testing.assert_array_equal(out[64:80], np.minimum(a, b))
     np.testing.assert_array_equal(out[80:96], np.maximum(a, b))
     np.testing.assert_array_equal(out[96:], np.where(b > a, a, b))
+
+
+@njit
+def ends(a, out):
+    out[0], out[1] = smallest(load(a, 0)), largest(load(a, 0))
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_ends_of_a_vector_are_found(kind):
+    a, out = np.random.default_rng(2).normal(size=16).astype(kind), np.zeros(2, kind)
+    ends(a, out)
+    assert tuple(out) == (a.min(), a.max())
 
 
 @njit
