@@ -1,47 +1,57 @@
-"""Range migration (omega-k) for a straight rail with equal steps: back-projection's sum, done in wavenumbers.
+"""Range migration (omega-k) for a straight rail: back-projection's sum, done in wavenumbers.
 
 With k = 4 pi f / c, the back-projected image over (x, rho), rho the slant distance from the rail, is a convolution
 along the rail with ``exp(j k sqrt(u^2 + rho^2))``, whose transform over u is, but for terms of relative size
-3 / (8 k_rho rho),
+1 / (k_rho rho)^2,
 
-    sqrt(2 pi rho) k k_rho^(-3/2) exp(j pi / 4) exp(j rho k_rho),      k_rho = sqrt(k^2 - k_x^2).
+    sqrt(2 pi rho) k k_rho^(-3/2) exp(j pi / 4 + j rho k_rho + j a / (k_rho rho)),      k_rho = sqrt(k^2 - k_x^2).
 
 After the change of variable from k to k_rho (Stolt 1978) the image is a two-dimensional inverse transform. The factor
-above makes amplitude and phase those of back-projection; nothing is fitted. The spectrum along the rail is continued
-periodically beyond the sampling's own band, as back-projection does implicitly, so that grating lobes agree too.
-Algorithm: Cafforio, Prati, Rocca 1991; Carrara, Goodman, Majewski 1995, chapter 10.
+above makes amplitude and phase those of back-projection; nothing is fitted. Transforms from positions, to rows and to
+columns are non-uniform (:mod:`processing.sar.gridding`), so that positions may stand anywhere on the line and rows and
+columns anywhere on the plane, and grating lobes agree with back-projection's. Each row is formed from the k_x under
+which it is seen, and no others. Algorithm: Cafforio, Prati, Rocca 1991; Carrara, Goodman, Majewski 1995, chapter 10.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
+from numba import get_num_threads
 from numpy.typing import NDArray
-from scipy.signal import czt
 
 from processing.errors import DataError
 from processing.radar.antenna import AntennaPair, pattern_exponent
-from processing.radar.profiles import SPEED_OF_LIGHT_M_S, RangeProfiles
-from processing.sar.aperture import EvenTrack, Pulses, even_track, two_way_gain, usable_pulses, widest_angle_rad
+from processing.radar.profiles import RangeProfiles
+from processing.sar.aperture import Pulses, usable_pulses
 from processing.sar.continuous import sweep_motion
 from processing.sar.grid import ImageGrid, check_grid
-from processing.sar.interpolation import tap_weights
-from processing.sar.stolt import stolt
+from processing.sar.gridding import places
+from processing.sar.range_migration_kernel import read_columns, read_rows, spread_track
+from processing.sar.range_migration_plan import (
+    COLUMN_KERNEL,
+    ROW_KERNEL,
+    TRACK_KERNEL,
+    MigrationPlan,
+    plan_migration,
+)
+from processing.sar.stolt import FILTERS, Filter, stolt
+from processing.sar.straight_track import Track, ahead_cosine, pattern_sum, straight_track
 
-RANGE_PADDING = 4
-"""How many times longer than the profiles the range period is made; the Stolt filter's oversampling follows from it."""
+RANGE_MARGIN = 12
+"""Resolution cells of range that are kept beyond the grid's; two thirds of them roll off."""
 
-SLANT_OVERSAMPLING = 4
-"""Samples per resolution cell of the slant image before it is read at the grid's rows."""
+FLAT_MARGIN = 4
+"""Of these, those next to the grid's that are kept whole."""
 
-BAND_MARGIN = 2.0
-"""Width of the band that is kept, as a multiple of the ramp's."""
+DIRECT_WORTH = 1.5
+"""How much longer than one with a kernel's reading a transform along x may be that needs none."""
 
-RANGE_MARGIN = 8
-"""Resolution cells of range that are kept beyond the grid's; half of them roll off."""
+BLOCK_SAMPLES = 400_000
+"""Samples of the transforms along x that are held at a time, a few megabytes."""
 
 
 def range_migration(
@@ -51,60 +61,67 @@ def range_migration(
     weights: NDArray[np.floating] | None = None,
     beamwidth_rad: float | None = None,
     depression_rad: float = 0.0,
+    taps: str = "kaiser-bessel",
 ) -> NDArray[np.complex64]:
     """Focus all channels by range migration, on the same grid and with the same scale and phase as back-projection.
 
     Args:
         profiles: (channels, positions, bins); profiles that are NaN throughout count as missing.
-        grid: where to form the image: x uniform, all of it in front of the rail.
+        grid: where to form the image, all of it in front of the rail.
         weights: (positions,) window along the aperture; rectangular where left out.
         beamwidth_rad: half-power beam width of one antenna for pattern compensation; none where left out.
         depression_rad: angle of the antennas' axes below horizontal; they look along +y.
+        taps: filter of the Stolt interpolation, see :data:`processing.sar.stolt.FILTERS`.
 
     Returns:
         (channels, ny, nx) complex64; NaN where a pulse's range is off the profiles' axis.
 
     Raises:
-        DataError: positions that are uneven by more than 1 % of their step, first ranges or antenna pairs of their
-            own, motion within the sweeps that matters, single NaN samples (all advise back-projection), a grid that is
-            no plane, not in front of the rail or not uniform in x, or unusable profiles.
+        DataError: positions off a straight line along x, first ranges or antenna pairs of their own, motion within the
+            sweeps that matters, single NaN samples (all advise back-projection), a grid that is no plane or not in
+            front of the rail, an unknown filter, or unusable profiles.
     """
-    pulses = usable_pulses(profiles, weights)
-    _check(profiles, pulses, grid)
-    if np.isnan(pulses.values).any():
-        raise DataError("profiles hold single NaN samples", "focus by back-projection, which keeps them local")
-    track = even_track(pulses.antenna_m)
-    if np.min(grid.y_m) <= track.y_m:
-        raise DataError(
-            f"the image grid begins at y = {np.min(grid.y_m):g} m, not in front of the rail (y = {track.y_m:g} m)",
-            "form the image in front of the rail",
-        )
-    x_step = _uniform_step(grid.x_m)
-    slant = np.hypot(grid.y_m - track.y_m, grid.z_m - track.z_m)
-    outside, nearest, furthest = _ranges(profiles, pulses, track, grid)
-    profiles, pulses = _crop(profiles, pulses, nearest, furthest)
-    view = _View(profiles, pulses, track, grid, slant)
+    if taps not in FILTERS:
+        raise DataError(f"there is no Stolt filter called {taps!r}", f"choose one of {', '.join(FILTERS)}")
+    task = _prepare(profiles, grid, weights)
     exponent = 0.0 if beamwidth_rad is None else pattern_exponent(beamwidth_rad)
-    image = np.empty((len(pulses.values), *grid.shape), dtype=np.complex64)
-    spectral_filter = view.filter(exponent)
+    plan = plan_migration(task.profiles, task.track, grid, FILTERS[taps], exponent)
+    tilt = ahead_cosine(task.track, grid, depression_rad) ** exponent
+    image = np.empty((len(task.pulses.values), *grid.shape), dtype=np.complex64)
     for c in range(len(image)):
-        mapped = stolt(view.spectrum(c), view.along, view.k[0], view.k_step, view.across, RANGE_PADDING)
-        mapped *= spectral_filter
-        lines = view.read_rows(view.read_columns(mapped, float(grid.x_m[0]), x_step, len(grid.x_m)))
-        scale = view.carrier() * _tilt(grid, track, slant, depression_rad) ** exponent
-        second = _second_order(profiles, grid, track, slant, exponent)
-        norm = _normalisation(pulses, c, grid, beamwidth_rad, depression_rad)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            image[c] = np.where(outside | (norm <= 0), np.nan, (lines * scale).T * second / norm)
+        lines = _lines(task, plan, FILTERS[taps], c)
+        total = float(task.pulses.weights[c].sum())
+        _form(lines, plan, task, grid, tilt / total, image[c])
+        del lines
+        if beamwidth_rad is not None:
+            gain = pattern_sum(task.track, task.pulses.weights[c], grid, beamwidth_rad, depression_rad) / total
+            with np.errstate(invalid="ignore", divide="ignore"):
+                image[c] = np.where(gain > 0, image[c] / gain, np.nan)
+        if task.outside is not None:
+            image[c][task.outside] = np.nan
     return image
 
 
-def _check(profiles: RangeProfiles, pulses: Pulses, grid: ImageGrid) -> None:
-    """What the method does not model is refused, not focused wrongly."""
+@dataclass(frozen=True)
+class _Task:
+    """What is left to do after checks and cropping."""
+
+    profiles: RangeProfiles
+    pulses: Pulses
+    track: Track
+    roll: NDArray[np.float64]
+    """(bins,) roll-off at the ends of the ranges."""
+    outside: NDArray[np.bool_] | None
+    """(ny, nx) pixels that are off the range axis for any pulse; None where there are none."""
+
+
+def _prepare(profiles: RangeProfiles, grid: ImageGrid, weights: NDArray[np.floating] | None) -> _Task:
+    """Checks; what the method does not model is refused, not focused wrongly."""
     advice = "focus by back-projection"
     if not isinstance(grid, ImageGrid):
         raise DataError("range migration forms images on a plane, in x and y", advice)
     check_grid(grid)
+    pulses = usable_pulses(profiles, weights)
     if profiles.start_m is not None and np.any(np.asarray(profiles.start_m) != 0):
         raise DataError("positions have first ranges of their own, which range migration does not take", advice)
     if profiles.pairs is not None and any(pair != AntennaPair() for pair in profiles.pairs):
@@ -112,176 +129,15 @@ def _check(profiles: RangeProfiles, pulses: Pulses, grid: ImageGrid) -> None:
     moving = sweep_motion(profiles)
     if moving.modelled:
         raise DataError(f"{moving.reason}, which range migration does not model", advice)
-
-
-class _View:
-    """Where one focusing task lies in wavenumbers, and the transforms between there and its profiles and image."""
-
-    def __init__(
-        self,
-        profiles: RangeProfiles,
-        pulses: Pulses,
-        track: EvenTrack,
-        grid: ImageGrid,
-        slant: NDArray[np.float64],
-    ) -> None:
-        self.profiles, self.pulses, self.track, self.slant = profiles, pulses, track, slant
-        self.middle = 0.5 * float(slant.min() + slant.max())
-        furthest = float(profiles.range_m[-1])
-        ends = pulses.antenna_m[:, 0].min(), pulses.antenna_m[:, 0].max()
-
-        bins = len(profiles.range_m)
-        self.range_length = scipy.fft.next_fast_len(RANGE_PADDING * bins)
-        self.k_step = 2 * math.pi / (self.range_length * profiles.range_step_m)
-        width = 4 * math.pi * profiles.bandwidth_hz / SPEED_OF_LIGHT_M_S
-        self.centre = 4 * math.pi * profiles.centre_hz / SPEED_OF_LIGHT_M_S
-        half = math.ceil(0.5 * min(BAND_MARGIN * width, 1.9 * self.centre) / self.k_step)
-        half = min(half, (self.range_length - 1) // 2)
-        self.k_index = np.arange(-half, half + 1)
-        self.k = self.centre + self.k_step * self.k_index
-        self.bulk = 0.5 * float(profiles.range_m[0] + profiles.range_m[-1])
-
-        self.widest = widest_angle_rad(pulses.antenna_m, grid)
-        self.limit = min(self.widest + math.radians(15), 0.5 * (self.widest + math.pi / 2))
-        # Echoes reach as far aside as the profiles reach in range; the period keeps them from folding into the grid.
-        reach = max(ends[1] + furthest - grid.x_m.min(), grid.x_m.max() - ends[0] + furthest)
-        self.rail_length = scipy.fft.next_fast_len(max(math.ceil(reach / track.step_m), int(track.index.max()) + 1))
-        self.along_step = 2 * math.pi / (self.rail_length * track.step_m)
-        last = math.ceil(self.k[-1] * math.sin(self.limit) / self.along_step)
-        self.along_index = np.arange(-last, last + 1)
-        self.along = self.along_step * self.along_index
-
-        self.across_step = 2 * math.pi / (1.5 * furthest)
-        lowest = self.k[0] * math.cos(self.limit)
-        self.across = lowest + self.across_step * np.arange(math.ceil((self.k[-1] - lowest) / self.across_step) + 1)
-
-    def spectrum(self, channel: int) -> NDArray[np.complex64]:
-        """(along, k) spectrum of one channel, weighted, referred to the middle of the scene."""
-        profiles, track = self.profiles, self.track
-        values = self.pulses.values[channel] * self.pulses.weights[channel][:, None]
-        in_k = scipy.fft.fft(values, self.range_length, axis=1)[:, self.k_index]
-        # Bulk range removed: what is left turns slowly in k at every angle, which the Stolt filter relies on.
-        in_k *= profiles.range_step_m * np.exp(1j * (self.k - self.centre) * (self.bulk - profiles.range_m[0]))
-        even = np.zeros((self.rail_length, len(self.k)), dtype=np.complex128)
-        even[track.index] = in_k
-        both = scipy.fft.fft(even, axis=0)[self.along_index % self.rail_length]
-        both *= np.exp(-1j * self.along * track.first_m)[:, None]
-        referred: NDArray[np.complex64] = both.astype(np.complex64)
-        return referred
-
-    def filter(self, exponent: float) -> NDArray[np.complex64]:
-        """(along, across) factor of the mapped spectrum.
-
-        It has back-projection's amplitude, the pattern and the angles that the grid needs, and refers what was
-        referred to the bulk range in k to the middle of the scene in k_rho.
-        """
-        k = np.sqrt(self.across**2 + self.along[:, None] ** 2)
-        cosine = self.across / k
-        inner, outer = math.cos(self.widest), math.cos(self.limit)
-        edge = np.clip((cosine - outer) / (inner - outer), 0, 1)
-        taper = 0.5 - 0.5 * np.cos(np.pi * edge)
-        cell = self.along_step * self.across_step / (2 * math.pi) ** 2
-        factor = cell * math.sqrt(2 * math.pi) / np.sqrt(self.across) * cosine**exponent * taper
-        turned = np.exp(1j * (self.middle * self.across - self.bulk * (k - self.centre)))
-        return np.asarray(factor * turned, dtype=np.complex64)
-
-    def read_columns(self, mapped: NDArray[np.complex64], x0: float, dx: float, columns: int) -> NDArray[np.complex128]:
-        """(columns, across): inverse transform along the rail at equal steps of x, by the chirp z-transform."""
-        turn = self.along_step
-        lines = czt(mapped, columns, w=np.exp(1j * turn * dx), a=np.exp(-1j * turn * x0), axis=0)
-        x = x0 + dx * np.arange(columns)
-        referred: NDArray[np.complex128] = lines * np.exp(1j * self.along[0] * x)[:, None]
-        return referred
-
-    def read_rows(self, lines: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """(columns, rows): inverse transform across the rail at the slant distances of the grid's rows."""
-        count = len(self.across)
-        length = scipy.fft.next_fast_len(SLANT_OVERSAMPLING * count)
-        half = count // 2
-        centred = np.zeros((len(lines), length), dtype=np.complex128)
-        centred[:, : count - half] = lines[:, half:]
-        centred[:, length - half :] = lines[:, :half]
-        fine = scipy.fft.ifft(centred, axis=1) * length
-        place = (self.slant - self.middle) * self.across_step * length / (2 * math.pi)
-        whole = np.floor(place).astype(np.int64)
-        filters = tap_weights("sinc8", place - whole, SLANT_OVERSAMPLING)
-        rows = np.zeros((len(lines), len(place)), dtype=np.complex128)
-        for tap, weight in zip(range(-3, 5), filters.T, strict=True):
-            rows += fine[:, (whole + tap) % length] * weight
-        return rows
-
-    def carrier(self) -> NDArray[np.complex128]:
-        """(rows,) what :meth:`read_rows` leaves out: the carrier and back-projection's growth with distance."""
-        middle_across = self.across[len(self.across) // 2]
-        phase = (self.slant - self.middle) * middle_across + math.pi / 4
-        return np.asarray(np.sqrt(self.slant) * np.exp(1j * phase))
-
-
-def _uniform_step(x_m: NDArray[np.float64]) -> float:
-    if len(x_m) == 1:
-        return 1.0
-    step = float(x_m[-1] - x_m[0]) / (len(x_m) - 1)
-    if step == 0 or np.abs(np.diff(x_m) - step).max() > 1e-6 * abs(step) * len(x_m):
-        raise DataError("the image grid's x is not uniform", "give equal steps, or focus by back-projection")
-    return step
-
-
-def _tilt(grid: ImageGrid, track: EvenTrack, slant: NDArray[np.float64], depression_rad: float) -> NDArray[np.float64]:
-    """(ny,) cosine between the antennas' axis and the direction to each row straight ahead."""
-    ahead = math.cos(depression_rad) * (grid.y_m - track.y_m) - math.sin(depression_rad) * (grid.z_m - track.z_m)
-    return np.asarray(np.clip(ahead / slant, 0, 1))
-
-
-def _normalisation(
-    pulses: Pulses, channel: int, grid: ImageGrid, beamwidth_rad: float | None, depression_rad: float
-) -> NDArray[np.float64]:
-    weights = pulses.weights[channel]
-    if beamwidth_rad is None:
-        return np.full(grid.shape, weights.sum())
-    total = np.zeros(grid.shape)
-    for antenna, weight in zip(pulses.antenna_m, weights, strict=True):
-        total += weight * two_way_gain(antenna, grid, beamwidth_rad, depression_rad) ** 2
-    return total
-
-
-def _second_order(
-    profiles: RangeProfiles, grid: ImageGrid, track: EvenTrack, slant: NDArray[np.float64], exponent: float
-) -> NDArray[np.complex128]:
-    """(ny, nx) next term of the transform's expansion, ``exp(j a / (k_rho rho))``, for a pattern ``cos^n``.
-
-    With R = rho cosh t the integral over the rail is ``int cosh^m(s + t0) exp(j z cosh s) ds``, m = 1 - n, z = k_rho
-    rho, tanh t0 = k_x / k; its second term gives a = (m + m (m - 1) sin^2 angle) / 2 - 1/8. It is small, so that the
-    angle seen from the aperture's centre serves for all positions.
-    """
-    middle = track.first_m + 0.5 * track.step_m * float(track.index.max())
-    aside = grid.x_m[None, :] - middle
-    distance = np.hypot(aside, slant[:, None])
-    m = 1 - exponent
-    a = 0.5 * (m + m * (m - 1) * (aside / distance) ** 2) - 0.125
-    k = 4 * math.pi * profiles.centre_hz / SPEED_OF_LIGHT_M_S
-    return np.asarray(np.exp(1j * a * distance / (k * slant[:, None] ** 2)))
-
-
-def _ranges(
-    profiles: RangeProfiles, pulses: Pulses, track: EvenTrack, grid: ImageGrid
-) -> tuple[NDArray[np.bool_], float, float]:
-    """Pixels that are off the range axis for any pulse (as back-projection with eight taps has it), and the ranges.
-
-    Of a straight rail the nearest position and the further end have the shortest and the longest distance.
-    """
-    lowest = profiles.range_m[0] + 3 * profiles.range_step_m
-    highest = profiles.range_m[-1] - 4 * profiles.range_step_m
-    x = np.sort(pulses.antenna_m[:, 0])
-    after = np.clip(np.searchsorted(x, grid.x_m), 1, len(x) - 1)
-    beside = np.minimum(np.abs(grid.x_m - x[after - 1]), np.abs(grid.x_m - x[after]))
-    end = np.maximum(np.abs(grid.x_m - x[0]), np.abs(grid.x_m - x[-1]))
-    slant = np.hypot(grid.y_m - track.y_m, grid.z_m - track.z_m)[:, None]
-    shortest, longest = np.hypot(slant, beside), np.hypot(slant, end)
-    return (shortest < lowest) | (longest >= highest), float(shortest.min()), float(longest.max())
-
-
-def _crop(profiles: RangeProfiles, pulses: Pulses, nearest: float, furthest: float) -> tuple[RangeProfiles, Pulses]:
-    """Keep the ranges that the grid needs and a margin that rolls off smoothly, so that nothing leaks off the band."""
+    if not np.isfinite(pulses.values).all():
+        raise DataError("profiles hold single NaN samples", f"{advice}, which keeps them local")
+    track = straight_track(pulses.antenna_m, profiles.wavelength_m)
+    if np.min(grid.y_m) <= track.y_m:
+        raise DataError(
+            f"the image grid begins at y = {np.min(grid.y_m):g} m, not in front of the rail (y = {track.y_m:g} m)",
+            "form the image in front of the rail",
+        )
+    outside, nearest, furthest = _ranges(profiles, track, grid)
     margin = RANGE_MARGIN * profiles.resolution_m
     beyond = np.maximum(nearest - profiles.range_m, profiles.range_m - furthest) / margin
     kept = np.flatnonzero(beyond < 1)
@@ -291,8 +147,128 @@ def _crop(profiles: RangeProfiles, pulses: Pulses, nearest: float, furthest: flo
             f"{profiles.range_m[0]:.3g} to {profiles.range_m[-1]:.3g} m",
             "form the image where there are profiles",
         )
-    roll = 0.5 + 0.5 * np.cos(np.pi * np.clip(2 * beyond[kept] - 1, 0, 1))
-    return (
-        replace(profiles, range_m=profiles.range_m[kept], values=profiles.values[..., kept]),
-        replace(pulses, values=pulses.values[..., kept] * roll),
-    )
+    some = slice(int(kept[0]), int(kept[-1]) + 1)
+    # Beyond what the grid needs profiles roll off smoothly, so that cutting leaves nothing off the band.
+    flat = FLAT_MARGIN / RANGE_MARGIN
+    roll = 0.5 + 0.5 * np.cos(np.pi * np.clip((beyond[some] - flat) / (1 - flat), 0, 1))
+    cropped = replace(profiles, range_m=profiles.range_m[some], values=profiles.values[..., some])
+    return _Task(cropped, replace(pulses, values=pulses.values[..., some]), track, roll, outside)
+
+
+def _ranges(profiles: RangeProfiles, track: Track, grid: ImageGrid) -> tuple[NDArray[np.bool_] | None, float, float]:
+    """Pixels that are off the range axis for any pulse (as back-projection with eight taps has it), and the ranges.
+
+    Of a straight rail the nearest position and the further end have the shortest and the longest distance.
+    """
+    lowest = profiles.range_m[0] + 3 * profiles.range_step_m
+    highest = profiles.range_m[-1] - 4 * profiles.range_step_m
+    x = np.sort(track.x_m)
+    after = np.clip(np.searchsorted(x, grid.x_m), 1, max(len(x) - 1, 1))
+    beside = np.minimum(np.abs(grid.x_m - x[after - 1]), np.abs(grid.x_m - x[np.minimum(after, len(x) - 1)]))
+    end = np.maximum(np.abs(grid.x_m - x[0]), np.abs(grid.x_m - x[-1]))
+    slant = np.hypot(grid.y_m - track.y_m, grid.z_m - track.z_m)
+    nearest = math.hypot(float(slant.min()), float(beside.min()))
+    furthest = math.hypot(float(slant.max()), float(end.max()))
+    if nearest >= lowest and furthest < highest:
+        return None, nearest, furthest
+    near, far = np.hypot(slant[:, None], beside), np.hypot(slant[:, None], end)
+    return (near < lowest) | (far >= highest), nearest, furthest
+
+
+def _lines(task: _Task, plan: MigrationPlan, taps: Filter, channel: int) -> NDArray[np.complex64]:
+    """(samples across the rail, lines) of one channel: spectrum, Stolt interpolation, and back to distance."""
+    workers = get_num_threads()
+    values = task.pulses.values[channel]
+    bins, middle, length = values.shape[1], plan.middle_bin, plan.range_length
+    step = task.profiles.range_step_m
+    correction = (step * task.roll / taps.response((np.arange(bins) - middle) / length)).astype(np.float32)
+    # The middle of the ranges comes first: that refers the spectrum to it.
+    padded = np.zeros((len(values), length), dtype=np.complex64)
+    np.multiply(values[:, middle:], correction[middle:], out=padded[:, : bins - middle], casting="same_kind")
+    np.multiply(values[:, :middle], correction[:middle], out=padded[:, length - middle :], casting="same_kind")
+    in_k = scipy.fft.fft(padded, axis=1, overwrite_x=True, workers=workers)
+    band = np.concatenate([in_k[:, length - plan.half_band :], in_k[:, : plan.half_band + 1]], axis=1).T.copy()
+
+    place = task.track.x_m - task.track.middle_m
+    samples = plan.track_length
+    first, weights = places(place * (samples / plan.period_m), TRACK_KERNEL, samples)
+    turned = np.exp(-1j * plan.mapping.along[plan.middle_line] * place) * task.pulses.weights[channel]
+    spread = np.empty((len(band), samples), dtype=np.complex64)
+    spread_track(band, first, (weights * turned[:, None]).astype(np.complex64), spread)
+    both = scipy.fft.fft(spread, axis=1, overwrite_x=True, workers=workers)
+    before = plan.middle_line
+    spectrum = np.concatenate([both[:, samples - before :], both[:, : plan.lines - before]], axis=1)
+    del spread, both
+
+    mapped = stolt(spectrum, plan.mapping, taps)
+    count, samples = plan.mapping.across_count, plan.row_length
+    before = count // 2
+    undone = (1 / ROW_KERNEL.response((np.arange(count) - before) / samples)).astype(np.float32)[:, None]
+    fine = np.zeros((samples, plan.lines), dtype=np.complex64)
+    np.multiply(mapped[before:], undone[before:], out=fine[: count - before])
+    np.multiply(mapped[:before], undone[:before], out=fine[samples - before :])
+    lines: NDArray[np.complex64] = scipy.fft.ifft(fine, axis=0, norm="forward", overwrite_x=True, workers=workers)
+    return lines
+
+
+def _form(
+    lines: NDArray[np.complex64],
+    plan: MigrationPlan,
+    task: _Task,
+    grid: ImageGrid,
+    scale: NDArray[np.float64],
+    out: NDArray[np.complex64],
+) -> None:
+    """Write the image from lines across the rail, some rows at a time; ``scale`` is (ny,)."""
+    mapping, edges = plan.mapping, plan.edges
+    offset = plan.slant - mapping.middle_m
+    samples = plan.row_length
+    first, weights = places(offset * (samples * mapping.across_step / (2 * math.pi)), ROW_KERNEL, samples)
+    cell = plan.along_step * mapping.across_step / (2 * math.pi) ** 2
+    size = (cell * scale * np.sqrt(plan.slant)).astype(np.float32)
+    index = np.arange(plan.lines)
+    undone = 1 / TRACK_KERNEL.response((index - plan.middle_line) / plan.track_length)
+    second = _second_term(mapping.along, mapping.centre, mapping.exponent)
+    limits = edges.limits
+    x = grid.x_m - task.track.middle_m
+    rows = len(plan.slant)
+    longest = max(plan.direct, math.ceil(COLUMN_KERNEL.oversampling * plan.lines))
+    block = max(1, BLOCK_SAMPLES // longest)
+    for begin in range(0, rows, block):
+        some = slice(begin, min(rows, begin + block))
+        low = max(0, math.ceil((float(limits[0, some].min()) - mapping.along[0]) / plan.along_step))
+        high = min(plan.lines - 1, math.floor((float(limits[3, some].max()) - mapping.along[0]) / plan.along_step))
+        middle = (low + high) // 2
+        length = scipy.fft.next_fast_len(math.ceil(COLUMN_KERNEL.oversampling * (high - low + 1)) + COLUMN_KERNEL.taps)
+        direct = 0 < plan.direct <= DIRECT_WORTH * length
+        length = plan.direct if direct else length
+        at = (x - x[0]) * (length / plan.period_m)
+        if direct:
+            column, read = np.rint(at).astype(np.int64) % length, np.ones((len(x), 1))
+            factor = undone
+        else:
+            column, read = places(at, COLUMN_KERNEL, length)
+            inside = np.clip((index - middle) / length, -0.5, 0.5)
+            factor = undone / COLUMN_KERNEL.response(inside)
+        phase = math.pi / 4 + plan.along_step * (index - middle) * x[0]
+        fine = np.empty((some.stop - begin, length), dtype=np.complex64)
+        read_rows(
+            lines, first[some], weights[some].astype(np.float32), offset[some], plan.slant[some], size[some],
+            plan.across_middle, phase, second, factor.astype(np.float32), limits[:, some], mapping.along[0],
+            plan.along_step, middle, fine,
+        )  # fmt: skip
+        wide = scipy.fft.ifft(fine, axis=1, norm="forward", overwrite_x=True, workers=get_num_threads())
+        carrier = np.exp(1j * mapping.along[middle] * x).astype(np.complex64)
+        read_columns(wide, column, read.astype(np.float32), carrier, out[some])
+
+
+def _second_term(along: NDArray[np.float64], centre: float, exponent: float) -> NDArray[np.float64]:
+    """(lines,) ``a / k_rho``, the next term of the transform's expansion for a pattern ``cos^n``.
+
+    With R = rho cosh t the integral over the rail is ``int cosh^m(s + t0) exp(j z cosh s) ds``, m = 1 - n, z = k_rho
+    rho, tanh t0 = k_x / k; its second term gives a = (m + m (m - 1) sin^2 angle) / 2 - 1/8.
+    """
+    sine = np.clip(along / centre, -1, 1)
+    m = 1 - exponent
+    a = 0.5 * (m + m * (m - 1) * sine**2) - 0.125
+    return np.asarray(a / np.sqrt(np.clip(centre**2 - along**2, (1e-2 * centre) ** 2, None)))

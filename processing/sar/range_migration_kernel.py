@@ -1,0 +1,135 @@
+"""The compiled loops of range migration: positions to k_x, k_y to rows, k_x to columns."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+from processing.sar.factorized_kernel import _phasor
+
+_MATH = {"contract", "reassoc", "nsz", "arcp"}
+
+
+@njit(parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy")
+def spread_track(values: Any, first: Any, weights: Any, out: Any) -> None:
+    """Add each position's values, times its weights, to samples along the track.
+
+    Args:
+        values: (wavenumbers, positions) complex64.
+        first: (positions,) first sample.
+        weights: (positions, taps) complex64.
+        out: (wavenumbers, samples) complex64, periodic along samples.
+    """
+    samples = out.shape[1]
+    taps = weights.shape[1]
+    for row in prange(out.shape[0]):
+        for sample in range(samples):
+            out[row, sample] = 0.0
+        for n in range(first.size):
+            value = values[row, n]
+            start = first[n]
+            if start + taps <= samples:
+                for tap in range(taps):
+                    out[row, start + tap] += value * weights[n, tap]
+            else:
+                for tap in range(taps):
+                    out[row, (start + tap) % samples] += value * weights[n, tap]
+
+
+@njit(parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy")
+def read_rows(
+    fine: Any, first: Any, weights: Any, offset: Any, slant: Any, size: Any, across: Any, phase: Any, second: Any,
+    factor: Any, limits: Any, along_first: float, along_step: float, middle: int, out: Any,
+) -> None:  # fmt: skip
+    """Read lines at the image's rows, turn them by their carrier, and roll them off beyond what each row needs.
+
+    Args:
+        fine: (samples, lines) complex64 lines across the rail, without their carrier.
+        first: (rows,) first sample of each row.
+        weights: (rows, taps) float32.
+        offset: (rows,) distance from the middle, m.
+        slant: (rows,) distance from the rail, m.
+        size: (rows,) float32 amplitude.
+        across: (lines,) k_y of the carrier.
+        phase: (lines,) phase of each line, rad.
+        second: (lines,) phase times the row's distance from the rail, rad m: the expansion's second term.
+        factor: (lines,) float32.
+        limits: (4, rows) outer and inner low, inner and outer high k_x, see
+            :class:`processing.sar.range_migration_plan.Edges`.
+        along_first: k_x of the first line.
+        along_step: from line to line.
+        middle: line that comes to the first place of ``out``.
+        out: (rows, length) complex64; lines stand around 0, periodically, added where they share a place.
+    """
+    samples, lines = fine.shape
+    length = out.shape[1]
+    taps = weights.shape[1]
+    turn = 1 / (2 * math.pi)
+    for row in prange(out.shape[0]):
+        for place in range(length):
+            out[row, place] = 0.0
+        low = max(0, math.ceil((limits[0, row] - along_first) / along_step))
+        high = min(lines, math.floor((limits[3, row] - along_first) / along_step) + 1)
+        read = np.zeros(lines, dtype=np.complex64)
+        roll = np.empty(lines, dtype=np.float32)
+        for tap in range(taps):
+            sample = (first[row] + tap) % samples
+            weight = weights[row, tap]
+            for line in range(low, high):
+                read[line] += weight * fine[sample, line]
+        for line in range(low, high):
+            roll[line] = size[row] * factor[line]
+        for line in range(low, high):
+            along = along_first + along_step * line
+            if along >= limits[1, row]:
+                break
+            part = max(along - limits[0, row], 0.0) / (limits[1, row] - limits[0, row])
+            roll[line] *= np.float32(0.5 - 0.5 * math.cos(math.pi * part))
+        for line in range(high - 1, low - 1, -1):
+            along = along_first + along_step * line
+            if along <= limits[2, row]:
+                break
+            part = max(limits[3, row] - along, 0.0) / (limits[3, row] - limits[2, row])
+            roll[line] *= np.float32(0.5 - 0.5 * math.cos(math.pi * part))
+        distance = offset[row] * turn
+        nearness = turn / slant[row]
+        for line in range(low, high):
+            c, s = _phasor(across[line] * distance + phase[line] * turn + second[line] * nearness)
+            re = roll[line] * read[line].real
+            im = roll[line] * read[line].imag
+            read[line] = complex(re * c - im * s, re * s + im * c)
+        begin = low
+        while begin < high:
+            # Stretches that are whole in the output, whose places need no remainder.
+            shift = (begin - middle) % length - begin
+            end = min(high, length - shift)
+            for line in range(begin, end):
+                out[row, line + shift] += read[line]
+            begin = end
+
+
+@njit(parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy")
+def read_columns(fine: Any, first: Any, weights: Any, carrier: Any, out: Any) -> None:
+    """Read rows at the image's columns.
+
+    Args:
+        fine: (rows, samples) complex64, periodic.
+        first: (columns,) first sample.
+        weights: (columns, taps) float32.
+        carrier: (columns,) complex64 that each is multiplied by.
+        out: (rows, columns) complex64.
+    """
+    samples = fine.shape[1]
+    columns, taps = weights.shape
+    for row in prange(out.shape[0]):
+        for column in range(columns):
+            total = weights[column, 0] * fine[row, first[column]]
+            for tap in range(1, taps):
+                sample = first[column] + tap
+                if sample >= samples:
+                    sample -= samples
+                total += weights[column, tap] * fine[row, sample]
+            out[row, column] = total * carrier[column]
