@@ -1,0 +1,43 @@
+"""Colour maps for pictures, the same as in the figures: perceptually uniform for amounts, cyclic for angles."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+
+from polfuse_lab.products.style import CYCLIC, DIVERGING, FRACTION, SEQUENTIAL
+
+__all__ = ["CYCLIC", "DIVERGING", "FRACTION", "SEQUENTIAL", "lookup", "percentile_levels"]
+
+MAPS = (SEQUENTIAL, FRACTION, CYCLIC, DIVERGING, "cividis", "gray")
+"""Those that can be chosen; cividis reads the same to colour-blind eyes."""
+
+
+@cache
+def colour_map(name: str) -> pg.ColorMap:
+    """A map of matplotlib's by name."""
+    return pg.colormap.getFromMatplotlib(name)
+
+
+@cache
+def lookup(name: str, entries: int = 256) -> NDArray[np.uint8]:
+    """Its table, (entries, 3)."""
+    table: NDArray[np.uint8] = colour_map(name).getLookupTable(0.0, 1.0, entries, alpha=False)
+    return table
+
+
+def percentile_levels(values: NDArray[np.floating], low: float = 5.0, high: float = 99.7) -> tuple[float, float]:
+    """Display limits that a few very bright or dark pixels do not spoil; (0, 1) where nothing is defined.
+
+    At most 65,536 evenly spread pixels are looked at, so that a large picture costs no more than a small one.
+    """
+    flat = np.asarray(values).ravel()
+    sample = flat[:: max(flat.size // 65_536, 1)]
+    finite = sample[np.isfinite(sample)]
+    if finite.size == 0:
+        return 0.0, 1.0
+    bottom, top = (float(level) for level in np.percentile(finite, (low, high)))
+    return (bottom, top) if top > bottom else (bottom - 0.5, bottom + 0.5)

@@ -1,0 +1,185 @@
+"""A picture with axes in metres or pixels: amplitudes in dB, fractions, angles, or colours that are made already."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import QRectF
+from PySide6.QtWidgets import QWidget
+
+from gui import maps
+from gui.widgets.plots import Plot
+
+UNDEFINED = "#8a8a8a"
+"""Grey of undefined pixels, as in the figures."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a picture shows."""
+
+    name: str
+    unit: str
+    colours: str = maps.SEQUENTIAL
+    low: float | None = None
+    """Darkest value; None: by percentile."""
+    high: float | None = None
+    digits: int = 1
+
+
+class PictureView(Plot):
+    """A picture of ``(rows, columns)`` values, or ``(rows, columns, 3)`` colours, over its axes.
+
+    Args:
+        quantity: what the values are.
+        ground: axes are metres on the ground, y up; otherwise camera pixels, row 0 at the top.
+    """
+
+    def __init__(self, quantity: Quantity, *, ground: bool = True, parent: QWidget | None = None) -> None:
+        labels = ("x", "m", "y", "m") if ground else ("column", "px", "row", "px")
+        super().__init__(*labels, parent=parent)
+        self.quantity = quantity
+        self._values: NDArray[np.generic] | None = None
+        self._sd: NDArray[np.floating] | None = None
+        self._box = QRectF()
+        self._frozen = False
+        self._limits: tuple[float, float] | None = None
+        self.image = pg.ImageItem(axisOrder="row-major")
+        self.image.setZValue(-10)
+        self.item.addItem(self.image)
+        view = self.item.vb
+        view.setBackgroundColor(UNDEFINED)
+        view.setAspectLocked(True)
+        view.invertY(not ground)
+        self.bar = pg.ColorBarItem(
+            colorMap=maps.colour_map(quantity.colours), label=f"{quantity.name} [{quantity.unit}]", interactive=True,
+            width=16,
+        )  # fmt: skip
+        self.bar.setImageItem(self.image, insert_in=self.item)
+        self.bar.sigLevelsChanged.connect(self._chosen)
+
+    def show_values(
+        self,
+        values: NDArray[np.floating],
+        x: NDArray[np.floating] | None = None,
+        y: NDArray[np.floating] | None = None,
+        sd: NDArray[np.floating] | None = None,
+    ) -> None:
+        """Show values (rows, columns); NaN is grey.
+
+        Args:
+            values: in the quantity's unit.
+            x: of the columns; None: their numbers.
+            y: of the rows.
+            sd: standard deviation of each value, for the readout.
+        """
+        if self._frozen:
+            return
+        self._values, self._sd = values, sd
+        levels = self._limits or self._automatic(values)
+        self.image.setImage(values, autoLevels=False, levels=levels)
+        self._place(values.shape[:2], x, y)
+        self.bar.blockSignals(True)
+        self.bar.setLevels(levels)
+        self.bar.blockSignals(False)
+
+    def show_colours(
+        self,
+        colours: NDArray[np.uint8],
+        x: NDArray[np.floating] | None = None,
+        y: NDArray[np.floating] | None = None,
+    ) -> None:
+        """Show colours (rows, columns, 3 or 4)."""
+        if self._frozen:
+            return
+        self._values, self._sd = colours, None
+        self.bar.setVisible(False)
+        self.image.setImage(colours, autoLevels=False, levels=None)
+        self._place(colours.shape[:2], x, y)
+
+    def freeze(self, frozen: bool) -> None:
+        """Keep what is shown, whatever comes."""
+        self._frozen = frozen
+
+    def automatic_levels(self) -> None:
+        """Forget limits that were chosen by hand."""
+        self._limits = None
+        if self._values is not None and self._values.ndim == 2:
+            self.image.setLevels(self._automatic(self._values.astype(np.float64)))
+
+    def describe(self, x: float, y: float) -> str:
+        """Place and value with unit and, where it is known, uncertainty."""
+        where = f"x {x:+.2f} m, y {y:.2f} m" if not self.item.vb.yInverted() else f"column {x:.0f}, row {y:.0f}"
+        if self._values is None or self._box.isEmpty():
+            return where
+        rows, columns = self._values.shape[:2]
+        column = int((x - self._box.x()) / self._box.width() * columns)
+        row = int((y - self._box.y()) / self._box.height() * rows)
+        if not (0 <= row < rows and 0 <= column < columns):
+            return where
+        if self._values.ndim == 3:
+            red, green, blue = self._values[row, column, :3]
+            return f"{where}   R {red} G {green} B {blue}"
+        value = float(self._values[row, column])
+        if not np.isfinite(value):
+            return f"{where}   {self.quantity.name} " + self.tr("undefined")
+        digits = self.quantity.digits
+        spread = "" if self._sd is None else f" ± {float(self._sd[row, column]):.{digits}f}"
+        return f"{where}   {self.quantity.name} {value:.{digits}f}{spread} {self.quantity.unit}"
+
+    def _place(self, shape: tuple[int, ...], x: NDArray[np.floating] | None, y: NDArray[np.floating] | None) -> None:
+        left, width = _span(x, shape[1])
+        bottom, height = _span(y, shape[0])
+        box = QRectF(left, bottom, width, height)
+        if box != self._box:
+            self._box = box
+            self.item.setRange(box, padding=0.02)
+        self.image.setRect(box)
+
+    def _automatic(self, values: NDArray[np.floating]) -> tuple[float, float]:
+        low, high = self.quantity.low, self.quantity.high
+        if low is not None and high is not None:
+            return low, high
+        bottom, top = maps.percentile_levels(values)
+        return (bottom if low is None else low, top if high is None else high)
+
+    def _chosen(self) -> None:
+        low, high = self.bar.levels()
+        self._limits = float(low), float(high)
+
+
+def _span(axis: NDArray[np.floating] | None, number: int) -> tuple[float, float]:
+    """Start and length of the pixels of one axis, whose values are pixel centres."""
+    if axis is None:
+        return -0.5, float(number)
+    step = float(axis[1] - axis[0]) if len(axis) > 1 else 1.0
+    return float(axis[0]) - step / 2, step * number
+
+
+def demo_image(size: int = 201) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]]:
+    """Speckle and two targets in dB, with an undefined corner; and its axes, m."""
+    rng = np.random.default_rng(3)
+    x, y = np.linspace(-6, 6, size), np.linspace(2, 20, size)
+    field = rng.rayleigh(0.02, (size, size))
+    for at_x, at_y, amplitude in ((-2.0, 8.0, 1.0), (3.0, 14.0, 0.5)):
+        field += amplitude * np.outer(np.abs(np.sinc((y - at_y) / 1.8)), np.abs(np.sinc((x - at_x) / 0.5)))
+    level: NDArray[np.float32] = (20 * np.log10(field)).astype(np.float32)
+    level[np.add.outer(y, -1.2 * x) < 3.0] = np.nan
+    return level, x, y
+
+
+def _demo() -> QWidget:
+    view = PictureView(Quantity("level", "dB", low=-45.0, high=0.0))
+    view.show_values(*demo_image())
+    view.show_cursor((-2.0, 8.0))
+    return view
+
+
+if __name__ == "__main__":
+    from gui.widgets.demo import run
+
+    sys.exit(run(_demo, 620, 620))

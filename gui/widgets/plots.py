@@ -1,0 +1,66 @@
+"""What all plots have in common: the theme, axes with units, and a cursor that tells where it is."""
+
+from __future__ import annotations
+
+import pyqtgraph as pg
+from PySide6.QtCore import QPointF, Signal
+from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
+
+from gui import theme
+
+LINE_PX = 2
+CURSOR = "#19d3e6"
+"""Colour of the cross: seen on dark and on light pictures."""
+
+
+class Plot(QWidget):
+    """A plot with labelled axes above one line that tells what is under the mouse."""
+
+    pointed = Signal(object)
+    """The mouse is at ``(x, y)`` of the axes, None: elsewhere."""
+
+    def __init__(self, x_label: str, x_unit: str, y_label: str, y_unit: str, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        shown = theme.current()
+        self.graph = pg.PlotWidget(background=shown.panel)
+        self.item = self.graph.getPlotItem()
+        self.item.setMenuEnabled(True)
+        self.item.hideButtons()
+        self.item.setContentsMargins(6, 12, 10, 4)
+        for side, label, unit in (("bottom", x_label, x_unit), ("left", y_label, y_unit)):
+            axis = self.item.getAxis(side)
+            # Units stand as they are given: nobody wants "mm" while a range passes 1 m.
+            axis.enableAutoSIPrefix(False)
+            axis.setLabel(f"{label} [{unit}]" if unit else label)
+            axis.setPen(shown.dim)
+            axis.setTextPen(shown.text)
+        self.readout = QLabel(" ")
+        self.readout.setProperty("role", "dim")
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(2)
+        column.addWidget(self.graph, 1)
+        column.addWidget(self.readout)
+        self._lines = [pg.InfiniteLine(angle=angle, pen=pg.mkPen(CURSOR, width=1)) for angle in (90, 0)]
+        for line in self._lines:
+            line.setVisible(False)
+            self.item.addItem(line, ignoreBounds=True)
+        self._proxy = pg.SignalProxy(self.graph.scene().sigMouseMoved, rateLimit=60, slot=self._mouse)
+        self.pointed.connect(self.show_cursor)
+
+    def show_cursor(self, place: tuple[float, float] | None) -> None:
+        """Show the cross at a place of the axes and tell what is there."""
+        for line, value in zip(self._lines, place or (0.0, 0.0), strict=True):
+            line.setVisible(place is not None)
+            line.setValue(value)
+        self.readout.setText(self.describe(*place) if place is not None else " ")
+
+    def describe(self, x: float, y: float) -> str:
+        """What is at a place, with units."""
+        return f"{x:.3g}, {y:.3g}"
+
+    def _mouse(self, event: tuple[QPointF]) -> None:
+        at = event[0]
+        inside = self.item.vb.sceneBoundingRect().contains(at)
+        place = self.item.vb.mapSceneToView(at) if inside else None
+        self.pointed.emit(None if place is None else (place.x(), place.y()))

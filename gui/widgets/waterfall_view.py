@@ -1,0 +1,86 @@
+"""Range over time: each new profile is a new line, the newest at the top."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import QRectF
+from PySide6.QtWidgets import QWidget
+
+from gui import maps
+from gui.widgets.plots import Plot
+
+
+class WaterfallView(Plot):
+    """The last profiles as a picture: range to the right, lines downwards into the past.
+
+    Args:
+        lines: how many profiles are kept.
+        low_db: darkest level; levels below it are as dark.
+        high_db: brightest.
+    """
+
+    def __init__(
+        self, lines: int = 300, low_db: float = -90.0, high_db: float = -20.0, parent: QWidget | None = None
+    ) -> None:
+        super().__init__("range", "m", "profiles ago", "", parent)
+        self._lines_kept, self._low, self._high = lines, low_db, high_db
+        self._ring: NDArray[np.uint8] | None = None
+        self._next = self._held = 0
+        self._step_m = 1.0
+        self.image = pg.ImageItem(axisOrder="row-major")
+        self.image.setLookupTable(maps.lookup(maps.SEQUENTIAL))
+        self.image.setZValue(-10)
+        self.item.addItem(self.image)
+        self.item.vb.invertY(True)
+        self.item.vb.setBackgroundColor("#000000")
+
+    def add(self, step_m: float, level_db: NDArray[np.float32]) -> None:
+        """Add a profile; one of another length or step begins anew."""
+        if self._ring is None or self._ring.shape[1] != len(level_db) or step_m != self._step_m:
+            self._ring = np.zeros((self._lines_kept, len(level_db)), np.uint8)
+            self._next = self._held = 0
+            self._step_m = step_m
+            self.item.setRange(QRectF(0, 0, len(level_db) * step_m, self._lines_kept), padding=0)
+        scaled = (level_db - self._low) * (255 / (self._high - self._low))
+        self._ring[self._next] = np.nan_to_num(np.clip(scaled, 0, 255))
+        self._next = (self._next + 1) % self._lines_kept
+        self._held = min(self._held + 1, self._lines_kept)
+
+    def refresh(self) -> None:
+        """Draw what has been added; once for a frame of the display, however many have come."""
+        if self._ring is None:
+            return
+        newest_first = np.concatenate([self._ring[: self._next][::-1], self._ring[self._next :][::-1]])
+        self.image.setImage(newest_first, autoLevels=False, levels=(0, 255))
+        self.image.setRect(QRectF(0, 0, self._ring.shape[1] * self._step_m, self._lines_kept))
+
+    def describe(self, x: float, y: float) -> str:
+        """Range, age and level."""
+        line, bin_ = int(y), int(x / self._step_m)
+        where = self.tr("range {0:.2f} m, {1} profiles ago").format(x, line)
+        if self._ring is None or not (0 <= line < self._held and 0 <= bin_ < self._ring.shape[1]):
+            return where
+        value = self._ring[(self._next - 1 - line) % self._lines_kept, bin_]
+        return f"{where}   {self._low + value * (self._high - self._low) / 255:.0f} dBFS"
+
+
+def _demo() -> QWidget:
+    from gui.widgets.profile_view import demo_profile
+
+    view = WaterfallView(lines=120)
+    for line in range(120):
+        profile = demo_profile(line % 5 + 1)
+        view.add(0.47, np.roll(profile, line // 6))
+    view.refresh()
+    view.show_cursor((7.3, 20.0))
+    return view
+
+
+if __name__ == "__main__":
+    from gui.widgets.demo import run
+
+    sys.exit(run(_demo, 620, 420))
