@@ -1,0 +1,1 @@
+"""Targets in clutter: matched filter and constant false-alarm rate."""

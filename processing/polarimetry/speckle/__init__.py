@@ -1,0 +1,1 @@
+"""Speckle: its simulation, its measures, and filters of coherency and covariance matrices."""
