@@ -51,7 +51,7 @@ def wishart_classify(
         planes: averages, see :data:`processing.polarimetry.matrices.PLANES`.
         initial: (rows, columns) class numbers from 1, up to 255; 0 for pixels that have none yet.
         iterations: at most.
-        least_change: part of the pixels; iteration ends when fewer change their class.
+        least_change: part of the pixels; iteration ends when no more than these change their class.
 
     Raises:
         DataError: shapes that do not fit, no initial class with a regular mean matrix, or settings that cannot be.
@@ -76,7 +76,7 @@ def wishart_classify(
         distances.append(float(np.nansum(distance) / total))
         classes = fresh.astype(np.int64)
         centres, pixels = _centres(given, classes, number)
-        if changed[-1] < least_change:
+        if changed[-1] <= least_change:
             break
     return WishartClasses(classes.astype(np.uint8), centres, pixels, tuple(changed), tuple(distances))
 

@@ -15,6 +15,7 @@ training pixels, and the factor grows accordingly.
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -120,7 +121,7 @@ def factor(training: int, *, false_alarm: float, looks: float, kind: Kind = "ca"
 
     def excess(logarithm: float) -> float:
         rate = float(density @ special.gammaincc(looks, np.exp(logarithm) * value))
-        return np.log(max(rate, 1e-300)) - np.log(false_alarm)
+        return math.log(max(rate, 1e-300)) - math.log(false_alarm)
 
     return float(np.exp(optimize.brentq(excess, -10.0, 30.0, xtol=1e-10)))
 

@@ -125,8 +125,8 @@ def _prepared(
     return given, np.where(defined, means, np.nan), defined
 
 
-def _floored(means: NDArray[np.float64]) -> NDArray[np.float64]:
-    made = means.copy()
+def _floored(means: Planes) -> NDArray[np.float64]:
+    made = means.astype(np.float64)
     made[[0, 5, 8]] += FLOOR / 3 * (means[0] + means[5] + means[8])
     return made
 

@@ -60,8 +60,8 @@ def estimated_looks(intensity: ArrayLike, window: int = 7) -> float:
     """
     values = np.asarray(intensity, dtype=np.float64)
     rows, columns = (n // window * window for n in values.shape)
-    tiles = values[:rows, :columns].reshape(rows // window, window, columns // window, window)
-    tiles = tiles.transpose(0, 2, 1, 3).reshape(-1, window**2)
+    blocks = values[:rows, :columns].reshape(rows // window, window, columns // window, window)
+    tiles = blocks.transpose(0, 2, 1, 3).reshape(-1, window**2)
     mean, variance = tiles.mean(axis=1), tiles.var(axis=1, ddof=1)
     sound = np.isfinite(mean) & np.isfinite(variance) & (mean > 0) & (variance > 0)
     if sound.sum() < 8:
