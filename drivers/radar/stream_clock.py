@@ -114,7 +114,13 @@ class StreamClock:
         """Number, as received, of the first frame sampled at or after host time ``t_ns``."""
         assert self._origin_ns is not None
         counted = math.ceil((t_ns - self._reference_ns - self._origin_ns) * 1e-9 * self._rate)
-        return max(counted - self.lost, 0)
+        frame = counted
+        for loss in self.losses:
+            # Losses that came later do not shift it; one in the middle of which it would lie leaves the frame behind it.
+            if frame < loss.first:
+                break
+            frame = max(frame - loss.frames, loss.first)
+        return max(frame, 0)
 
     def add(self, arrival: Arrival) -> None:
         """Take note of one callback; callbacks come in order."""

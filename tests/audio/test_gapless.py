@@ -133,3 +133,35 @@ def test_the_simulated_port_streams(make_rig: Callable[..., Rig]) -> None:
         assert len(finish(radar).samples) == 100
     finally:
         radar.close()
+
+
+def test_a_record_that_began_early_is_whole_also_when_frames_are_lost_after_its_beginning() -> None:
+    # A stream 80 ms late catches up, so that the record is collected anew; then 300 ms are lost inside of it.
+    ring, clock = SampleRing(96_000, 2, np.int32), StreamClock(RATE)
+    begun_ns = 10**9
+    record: Collecting | None = None
+    block: AudioBlock | None = None
+    received = sampled = arrived = 0
+    for step in range(400):
+        lost = 14_400 if step == 130 else 0
+        sampled += lost
+        numbers = np.arange(sampled, sampled + BLOCK, dtype=np.int32)
+        sampled += BLOCK
+        late_ns = 80_000_000 if step < 110 else 0
+        ring.write(np.stack([numbers, numbers], axis=1), round(sampled / RATE * 1e9) + late_ns, float("nan"), False)
+        received += BLOCK
+        arrivals, arrived = ring.arrivals(arrived)
+        for arrival in arrivals:
+            clock.add(arrival)
+        if step == 105:
+            begun_ns = round(sampled / RATE * 1e9) + late_ns
+            record = Collecting(
+                ring, clock, clock.first_frame_after(begun_ns), np.zeros((24_000, 2), np.int32),
+                sample_rate_hz=RATE, after_ns=begun_ns, margin_ns=10_000_000, gapless=False,
+            )  # fmt: skip
+        if record is not None and block is None:
+            block = record.take()
+    assert block is not None
+    # Frame n was sampled at n / RATE: nothing from before the record was asked for, and the loss is counted.
+    assert block.samples[0, 0] / RATE * 1e9 >= begun_ns - 10_000_000
+    assert block.lost_frames == pytest.approx(14_400, abs=96)

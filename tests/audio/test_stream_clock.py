@@ -147,3 +147,24 @@ def test_the_ring_holds_the_newest_frames(sizes: list[int]) -> None:
         assert ring.oldest == first - kept
         if ring.oldest:
             assert ring.read(ring.oldest - 1, 1) is None
+
+
+@given(
+    losses=st.lists(st.tuples(st.integers(60, 120), st.integers(500, 20_000)), max_size=4),
+    at=st.floats(0.0, 1.0),
+)
+def test_the_frame_of_an_instant_is_the_first_that_arrives_at_or_after_it(
+    losses: list[tuple[int, int]], at: float
+) -> None:
+    # Whatever was lost before that instant, in the middle of it or later: the two directions agree.
+    clock = StreamClock(RATE)
+    card = Card(clock)
+    for blocks, lost in losses:
+        card.run(blocks)
+        card.block(lost=lost)
+    card.run(120)
+    assert len(clock.losses) == len(losses)
+    t_ns = START_NS + round(at * card.sampled / RATE * 1e9)
+    frame = clock.first_frame_after(t_ns)
+    assert clock.arrival_ns(frame) >= t_ns - 1  # times are rounded to nanoseconds
+    assert frame == 0 or clock.arrival_ns(frame - 1) < t_ns + 1
