@@ -24,7 +24,7 @@ from processing.sar.aperture import Pulses, usable_pulses
 from processing.sar.backprojection_reference import backproject_reference
 from processing.sar.continuous import Motion, SweepMotion, sweep_motion
 from processing.sar.grid import Grid, ImageGrid, check_grid
-from processing.sar.interpolation import check_bins
+from processing.sar.interpolation import check_bins, taps_of
 from processing.sar.patches import best_patch, flat_places, on_lines
 from processing.sar.paths import channel_groups
 
@@ -34,8 +34,8 @@ ROWS = 256
 """Rows of a grid whose places are in memory at a time, where they cannot be told from its axes."""
 
 SMALL_TURNS = 4e-6
-"""Bound of the phase error, turns, up to which offsets within a patch of pixels may be float32, whatever the filter:
--92 dB of a pixel at the very worst, some 20 dB less as a root mean square. Better filters set it lower."""
+"""Bound of the phase error, turns, up to which offsets within a patch of pixels may be float32: -92 dB of a pixel at the
+very worst, 20 to 30 dB less as a root mean square. Filters of sixteen taps set it lower."""
 
 TABLE_BYTES = 16_000_000
 """Size of the tables that are in memory at a time, at most, unless that were less than one pulse. It sets the blocks in
@@ -174,7 +174,9 @@ class LiveImage:
             return moving
         step = _oversampling(profiles)
         polynomials = segment_polynomials(self.interpolator, step)
-        small = min(SMALL_TURNS, 10 ** (filter_error_db(self.interpolator, step) / 20))
+        # Only the longest filters are so exact that float64 ranges everywhere are worth their time.
+        exact = taps_of(self.interpolator) > 8
+        small = min(SMALL_TURNS, 10 ** (filter_error_db(self.interpolator, step) / 20)) if exact else SMALL_TURNS
         for pair, members in groups:
             whole = len(members) == channels
             total = self._total if whole else self._total[members]

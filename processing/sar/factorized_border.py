@@ -179,4 +179,4 @@ def _cosine(
     """Cosine of the angle at which an antenna sees places, 0 behind it."""
     dx, dy, dz = x_m - antenna_m[0], y_m - antenna_m[1], z_m - antenna_m[2]
     cosine = (axis[0] * dx + axis[1] * dy + axis[2] * dz) / np.sqrt(dx**2 + dy**2 + dz**2)
-    return np.clip(cosine, 0.0, 1.0)
+    return np.asarray(np.clip(cosine, 0.0, 1.0))

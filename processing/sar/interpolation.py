@@ -13,9 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from processing.errors import DataError
+from processing.sar.filter_design import polynomials_for
 
-INTERPOLATOR_TAPS = {"linear": 2, "cubic": 4, "lagrange4": 4, "sinc8": 8, "sinc16": 16}
+INTERPOLATOR_TAPS = {"linear": 2, "cubic": 4, "lagrange4": 4, "kaiser8": 8, "sinc8": 8, "sinc16": 16}
 """Bins that each interpolator reads; half of them on either side of the wanted place."""
+
+SINC8_DB = -114.0
+"""Error at which eight taps' polynomials are exact enough."""
 
 TABLE_STEPS = 512
 """Intervals per bin of the kernels' tables; with linear interpolation between entries their error is below -118 dB."""
@@ -75,8 +79,9 @@ def tap_weights(interpolator: str, fraction: ArrayLike, oversampling: float) -> 
     """Weights of the bins around a place, in float64; the definition that the kernels' tables follow.
 
     Args:
-        interpolator: ``"linear"``, ``"cubic"`` (Keys 1981, a = -1/2), ``"lagrange4"``, ``"sinc8"`` or ``"sinc16"``
-            (Kaiser window).
+        interpolator: ``"linear"``, ``"cubic"`` (Keys 1981, a = -1/2), ``"lagrange4"``, ``"kaiser8"`` and ``"sinc16"``
+            (sincs with Kaiser's window), or ``"sinc8"`` (of all eight taps whose weights are polynomials those that
+            come closest to the sinc's work on the band, :mod:`processing.sar.filter_design`).
         fraction: place between the two middle bins, 0 to 1, any shape.
         oversampling: bins per resolution cell; only the sincs depend on it.
 
@@ -110,7 +115,16 @@ def tap_weights(interpolator: str, fraction: ArrayLike, oversampling: float) -> 
             ],
             axis=-1,
         )
+    if interpolator == "sinc8":
+        polynomials = sinc8_polynomials(oversampling)
+        weights: NDArray[np.float64] = (w[..., None] - 0.5) ** np.arange(len(polynomials)) @ polynomials
+        return weights
     return sinc_weights(w, taps, oversampling)
+
+
+def sinc8_polynomials(oversampling: float) -> NDArray[np.float64]:
+    """The filter ``"sinc8"``: (degree + 1, 8) coefficients in ``fraction - 1/2``, lowest power first."""
+    return polynomials_for(INTERPOLATOR_TAPS["sinc8"], max(round(float(oversampling), 9), 1.0), SINC8_DB)
 
 
 def tap_table(interpolator: str, oversampling: float) -> NDArray[np.float32]:

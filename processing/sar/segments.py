@@ -3,7 +3,8 @@
 A filter's weights are smooth functions of the place between two bins. Written as polynomials in it and summed over the
 taps once for every bin, they leave one complex polynomial for each segment from bin to bin (Farrow 1988): what a kernel
 evaluates costs by the polynomial's degree, whatever the number of taps. Linear, cubic and Lagrange filters are such
-polynomials; Kaiser-windowed sincs are fitted closely enough that their own error is not changed.
+polynomials, and so is the filter of eight taps that was designed for it; Kaiser-windowed sincs are fitted closely
+enough that their own error is not changed.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from numba import njit, prange
 from numpy.polynomial import Polynomial, chebyshev
 from numpy.typing import NDArray
 
-from processing.sar.interpolation import tap_weights, taps_of
+from processing.sar.interpolation import sinc8_polynomials, tap_weights, taps_of
 from processing.simd import fma, load, splat, store, to_float32
 
 MARGIN = 64
@@ -45,6 +46,8 @@ def segment_polynomials(interpolator: str, oversampling: float) -> NDArray[np.fl
         DataError: there is no interpolator of that name.
     """
     taps_of(interpolator)
+    if interpolator == "sinc8":
+        return sinc8_polynomials(oversampling)
     own = filter_error_db(interpolator, oversampling)
     for degree in range(_EXACT.get(interpolator, 1), LARGEST_DEGREE + 1):
         fitted = _fit(interpolator, oversampling, degree)
