@@ -26,7 +26,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Reflector:
-    """An analytic reflector with flat, square faces.
+    """An analytic reflector, most kinds with flat, square faces.
 
     ``azimuth_rad`` and ``elevation_rad`` are the direction to the aperture's centre in the reflector's own frame
     (thesis Fig. 5.14): for a plate and a dihedral measured from the boresight, for a trihedral from its edges. From
@@ -35,10 +35,11 @@ class Reflector:
 
     name: str
     kind: str
-    """``"plate"``, ``"dihedral"`` or ``"trihedral"`` (square)."""
+    """``"plate"``, ``"dihedral"``, ``"trihedral"`` (square), ``"trihedral_triangular"`` or ``"sphere"``."""
     position_m: Vector
-    """Phase centre: the face's centre, the fold's centre, or the apex."""
+    """Phase centre: the face's centre, the fold's centre, the apex, or the sphere's centre."""
     edge_m: float
+    """Edge of the faces, m: of a triangular one from the corner to a tip; of a sphere its diameter."""
     azimuth_rad: float = 0.0
     elevation_rad: float = 0.0
     fold_rad: float = 0.0

@@ -13,15 +13,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from processing.calibration.rcs import dihedral_amplitude, plate_amplitude, square_trihedral_amplitude
+from processing.calibration.canonical import sphere_amplitude
+from processing.calibration.rcs import (
+    dihedral_amplitude,
+    plate_amplitude,
+    square_trihedral_amplitude,
+    triangular_trihedral_amplitude,
+)
 from processing.errors import DataError
 from processing.scene.model import Bush, Reflector, Scene
 
 Floats = NDArray[np.float64]
 Matrices = NDArray[np.complex128]
 
-KINDS = ("plate", "dihedral", "trihedral")
-"""Kinds of analytic reflectors."""
+KINDS = ("plate", "dihedral", "trihedral", "trihedral_triangular", "sphere")
+"""Kinds of analytic reflectors; "trihedral" has square faces, a sphere's edge is its diameter."""
 
 
 def scatterers(scene: Scene, antenna_m: ArrayLike, wavelength_m: float) -> tuple[Floats, Matrices]:
@@ -80,6 +86,10 @@ def reflector_scattering(reflector: Reflector, antenna_m: ArrayLike, wavelength_
         matrix = np.array([[c, s], [s, -c]])
     elif reflector.kind == "trihedral":
         amplitude = square_trihedral_amplitude(edge, azimuth, elevation, wavelength_m)
+    elif reflector.kind == "trihedral_triangular":
+        amplitude = triangular_trihedral_amplitude(edge, azimuth, elevation, wavelength_m)
+    elif reflector.kind == "sphere":
+        return np.asarray(np.broadcast_to(sphere_amplitude(edge / 2, wavelength_m) * matrix, (*azimuth.shape, 2, 2)))
     else:
         raise DataError(
             f"reflector {reflector.name!r} is of the unknown kind {reflector.kind!r}", f"use one of {', '.join(KINDS)}"
