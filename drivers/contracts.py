@@ -73,6 +73,20 @@ class GaplessRadar(Protocol):
 
 
 @runtime_checkable
+class OverheardRadar(Protocol):
+    """What a radar whose samples can be looked at while they are recorded also has (for meters and live pictures)."""
+
+    def newest(self, frames: int) -> AudioBlock | None:
+        """The newest samples, up to ``frames`` of them, whether or not a record is under way; None where there are
+        none.
+
+        ``first_frame`` counts frames as they arrived and ``t_host_ns`` tells when the first of them did, both well
+        enough to join blocks and to show them, no better. Any thread may call it; it takes nothing from records and
+        never waits for them. Never raises.
+        """
+
+
+@runtime_checkable
 class Trolley(Device, Protocol):
     """The trolley on the rail; x = 0 at the aperture's centre, increasing to the right as seen by the radar."""
 

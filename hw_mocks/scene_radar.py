@@ -278,6 +278,17 @@ class SceneRadar:
         peak, rms = np.abs(recent).max(axis=0), np.sqrt(np.mean(recent**2, axis=0))
         return Level(peak=tuple(map(float, peak)), rms=tuple(map(float, rms)))
 
+    def newest(self, frames: int) -> AudioBlock | None:
+        """The newest samples, see :class:`drivers.contracts.OverheardRadar`."""
+        with self._lock:
+            blocks, following, alive_ns = list(self._recent), self._following, self._alive_ns
+        if not blocks or following is None or frames <= 0:
+            return None
+        samples = np.concatenate(blocks)[-frames:]
+        rate = self.sample_rate_hz
+        first = following - self._origin - len(samples)
+        return AudioBlock(samples, rate, first, first / rate, alive_ns - round(len(samples) / rate * 1e9))
+
     def clock(self) -> ClockFix | None:
         """Number of the newest block's first frame over the nominal rate, against the host time of its sampling."""
         with self._lock:

@@ -370,11 +370,20 @@ class SoundPort:
         if error is not None:
             raise DeviceBadAnswer(error.sentence, where=self._where, advice=error.advice)
 
+    def newest(self, frames: int) -> AudioBlock | None:
+        """The newest samples, see :class:`drivers.contracts.OverheardRadar`."""
+        ring, rate = self._ring, self._options.sample_rate_hz
+        last_ns, written = ring.last_ns, ring.written
+        frames = min(frames, written, ring.capacity // 2)
+        if last_ns is None or frames <= 0:
+            return None
+        first, samples = written - frames, ring.read(written - frames, frames)
+        first_ns = last_ns - round(frames / rate * 1e9)
+        return None if samples is None else AudioBlock(samples, rate, first, first / rate, first_ns)
+
     def _recent(self, seconds: float) -> NDArray[np.generic] | None:
         """The last samples; None before there are any."""
-        ring = self._ring
-        frames = min(int(seconds * self._options.sample_rate_hz), ring.written, ring.capacity // 2)
-        return ring.read(ring.written - frames, frames) if frames else None
+        return None if (block := self.newest(int(seconds * self.sample_rate_hz))) is None else block.samples
 
     def clock(self) -> ClockFix | None:
         """A typical arrival of the last whole second: sample clock (frames, lost ones counted, over the nominal rate)

@@ -11,7 +11,19 @@ A window instead starts an engine (or attaches to a running one), polls it, and 
     client.pause(); client.resume(); client.abort()
 """
 
-from polfuse_lab.engine.client import EngineClient, collect, running_engines
+from polfuse_lab.engine.client import EngineClient, ReplayClient, collect, engines, running_engines
+from polfuse_lab.engine.directory import EngineInfo
 from polfuse_lab.engine.protocol import Finished, PreviewData, Prompt, StatusEvent
 
-__all__ = ["EngineClient", "Finished", "PreviewData", "Prompt", "StatusEvent", "collect", "running_engines"]
+__all__ = [
+    "EngineClient",
+    "EngineInfo",
+    "Finished",
+    "PreviewData",
+    "Prompt",
+    "ReplayClient",
+    "StatusEvent",
+    "collect",
+    "engines",
+    "running_engines",
+]

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import secrets
 import subprocess
-import sys
-import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 
 import msgspec
 import zmq
 
 from polfuse_lab.engine import directory as directories
 from polfuse_lab.engine import protocol
+from polfuse_lab.engine.claims import refuse_held
+from polfuse_lab.engine.directory import EngineInfo
+from polfuse_lab.engine.link import Link
 from polfuse_lab.engine.protocol import Finished, Prompt, StatusEvent
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.plans import Plan, parse_plan, plan_to_toml
@@ -25,27 +22,16 @@ from polfuse_lab.plans.step_json import steps_to_json
 from polfuse_lab.rig import Rig, load_rig
 from polfuse_lab.rig.toml_model import read_text
 
-START_S = 30.0
-DEAF_S = 10.0
-"""An engine that has said nothing for so long is taken for dead once its process is gone, s."""
 
-
-class EngineClient:
+class EngineClient(Link):
     """One client of one engine. Leaving it does not end the run. Not thread-safe."""
 
     def __init__(self, directory: Path, process: subprocess.Popen[bytes] | None = None) -> None:
-        self.directory = directory
-        self._process = process
-        self._context = zmq.Context()
-        self._socket = self._context.socket(zmq.DEALER)
-        self._socket.setsockopt(zmq.LINGER, 200)
-        self._pinged = self._heard = time.monotonic()
+        super().__init__(directory, process)
         self.status: StatusEvent | None = None
         """The newest status."""
         self.finished: Finished | None = None
         """The outcome, once the run has ended."""
-        self.pid = 0
-        """Process id of the engine."""
 
     @classmethod
     def start(
@@ -65,55 +51,26 @@ class EngineClient:
             continues: a session of the same plan that did not come to its end: only what is missing in it is collected.
 
         Raises:
-            PolfuseError: a file is wrong, or the engine does not start.
+            PolfuseError: a file is wrong, set-up mode holds a device, or the engine does not start.
         """
         rig_path = Path(rig_path).resolve()
         rig = load_rig(rig_path)
         plan_path, plan_toml = _plan_text(plan)
         rest = None if continues is None else _rest(continues, rig, parse_plan(plan_toml, plan_path))
-        private = directories.make()
-        token = secrets.token_urlsafe(32)
-        request = protocol.Request(
-            rig_path=str(rig_path),
-            rig_toml=rig_path.read_text(encoding="utf-8"),
-            plan_path=plan_path,
-            plan_toml=plan_toml,
-            output=str(Path(output).resolve()),
-            token=token,
-            transport=directories.transport(private),
-            rest=rest,
-        )
-        (private / directories.REQUEST).write_bytes(msgspec.msgpack.encode(request))
-        (private / directories.TOKEN).write_text(token, encoding="utf-8")
-        with open(private / directories.LOG, "wb") as log:
-            process = subprocess.Popen(
-                [sys.executable, "-m", "polfuse_lab.engine", str(private)],
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,
+        # What another collect holds is refused by the devices themselves, as another program's would be.
+        refuse_held(rig, mode="bench")
+        return cls._launch(
+            protocol.Request(
+                rig_path=str(rig_path),
+                rig_toml=rig_path.read_text(encoding="utf-8"),
+                plan_path=plan_path,
+                plan_toml=plan_toml,
+                output=str(Path(output).resolve()),
+                token="",
+                transport="",
+                rest=rest,
             )
-        client = cls(private, process)
-        try:
-            client._attach(START_S)
-        except BaseException:
-            client.close()
-            process.kill()
-            process.wait(5)
-            directories.remove(private)
-            raise
-        return client
-
-    @classmethod
-    def attach(cls, directory: Path) -> EngineClient:
-        """Attach to a running engine (see :func:`running_engines`). Raises :class:`PolfuseError`."""
-        client = cls(directory)
-        try:
-            client._attach(5.0)
-        except BaseException:
-            client.close()
-            raise
-        return client
+        )
 
     def poll(self, timeout_s: float = 0.2) -> StatusEvent | Finished | None:
         """Wait for the next word of the engine; the newest of several. None when there was none in time.
@@ -121,17 +78,14 @@ class EngineClient:
         Raises:
             PolfuseError: the engine refused what was asked, or its process has ended without a word.
         """
-        now = time.monotonic()
-        if now - self._pinged > protocol.SILENCE_S / 5:
-            self._send(protocol.Ping())
-            self._pinged = now
+        self._ping()
         newest: StatusEvent | Finished | None = None
         wait = int(timeout_s * 1000)
         while newest is None or not isinstance(newest, Finished):
-            if not self._socket.poll(0 if newest is not None else wait):
+            content = self._next(0 if newest is not None else wait)
+            if content is None:
                 break
-            message = protocol.decode_engine(self._socket.recv())
-            self._heard = time.monotonic()
+            message = protocol.decode_engine(content)
             wait = 0
             if isinstance(message, protocol.Refused):
                 raise PolfuseError(message.reason, where="engine", advice="try again")
@@ -143,17 +97,11 @@ class EngineClient:
                 self.status = newest = message
         if isinstance(newest, Finished):
             self.finished = newest
+            self._ended = True
             with contextlib.suppress(zmq.ZMQError):
                 self._send(protocol.Detach())
-        if newest is None and self._lost() and not self._socket.poll(300):
-            # Its last word would have arrived by now.
-            words = self._last_words()
-            directories.remove(self.directory)
-            raise PolfuseError(
-                f"the engine's process ended unexpectedly ({words})",
-                where="engine",
-                advice="the writer closes the session by itself: look at it with 'polfuse info'",
-            )
+        if newest is None:
+            self._require_engine()
         return newest
 
     def wait(
@@ -201,72 +149,49 @@ class EngineClient:
 
     def close(self) -> None:
         """Leave; the run goes on. Idempotent."""
-        if self._socket.closed:
-            return
-        with contextlib.suppress(zmq.ZMQError):
-            self._send(protocol.Detach())
-        self._socket.close()
-        self._context.term()
-        if self._process is not None and self.finished is not None:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(10)
-        if self._process is not None and self._process.poll() is None:
-            # It goes on without us; whenever it ends, somebody must take note, or it stays a zombie.
-            threading.Thread(target=self._process.wait, name="engine reaper", daemon=True).start()
+        super().close()
 
-    def __enter__(self) -> EngineClient:
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+class ReplayClient(EngineClient):
+    """One client of an engine that plays a session as if it were collected; leaving it does not end the replay."""
 
-    def _attach(self, timeout_s: float) -> None:
-        deadline = time.monotonic() + timeout_s
-        while (known := directories.address(self.directory)) is None:
-            if self._process is not None and self._process.poll() is not None:
-                raise PolfuseError(
-                    f"the engine did not start ({self._last_words()})", where="engine", advice="run 'polfuse doctor'"
-                )
-            if time.monotonic() > deadline:
-                raise PolfuseError("no engine answers", where=str(self.directory), advice="start the collect again")
-            time.sleep(0.02)
-        self.pid = known.pid
-        token = (self.directory / directories.TOKEN).read_text(encoding="utf-8")
-        self._socket.connect(known.endpoint)
-        self._send(protocol.Attach(protocol.PROTOCOL_VERSION, token))
-        while self.poll(0.1) is None:
-            if time.monotonic() > deadline:
-                raise PolfuseError("the engine does not answer", where=str(self.directory), advice="end its process")
+    @classmethod
+    def play(cls, session: Path | str, *, speed: float = 1.0) -> ReplayClient:
+        """Begin to play a session, to look at; nothing is written.
 
-    def _send(self, message: protocol.ClientMessage) -> None:
-        with contextlib.suppress(zmq.Again):
-            self._socket.send(protocol.encode(message), zmq.NOBLOCK)
+        Args:
+            session: the session file.
+            speed: how many times as fast as recorded.
 
-    def _lost(self) -> bool:
-        if self._process is not None:
-            return self._process.poll() is not None
-        if time.monotonic() - self._heard < 1.0:
-            return False
-        if os.name == "posix":
-            try:
-                os.kill(self.pid, 0)
-            except ProcessLookupError:
-                return True
-            except PermissionError:
-                return False
-        return time.monotonic() - self._heard > DEAF_S
+        Raises:
+            PolfuseError: the session cannot be replayed, or the engine does not start.
+        """
+        from polfuse_lab.replay.tape import require_replayable
+        from polfuse_lab.session import open_session
 
-    def _last_words(self) -> str:
-        try:
-            text = (self.directory / directories.LOG).read_text(errors="replace")
-        except OSError:
-            return "it left no message"
-        # What the guard has done since is no reason; of a crash in native code the first line tells what it was.
-        lines = [line for line in text.splitlines() if line.strip() and not line.startswith("guard: ")]
-        fatal = [line for line in lines if line.startswith("Fatal Python error")]
-        return (fatal or lines or ["it left no message"])[-1]
+        if not speed > 0:
+            raise PolfuseError(f"speed {speed:g} is not above 0", where="replay", advice="give 1 for real time")
+        path = Path(session).resolve()
+        with open_session(path) as opened:
+            require_replayable(opened)
+            rig_toml, plan_toml = opened.rig_toml, opened.plan_toml
+        return cls._launch(
+            protocol.Request(
+                rig_path=f"{path}:rig.toml",
+                rig_toml=rig_toml or "",
+                plan_path=f"{path}:plan.toml",
+                plan_toml=plan_toml or "",
+                output=str(path),
+                token="",
+                transport="",
+                mode="replay",
+                speed=speed,
+            )
+        )
+
+    def set_speed(self, speed: float) -> None:
+        """Play so many times as fast as recorded from now on."""
+        self._send(protocol.SetSpeed(speed))
 
 
 def _plan_text(plan: Path | str | Plan) -> tuple[str, str]:
@@ -290,6 +215,11 @@ def _rest(predecessor: Path | str, rig: Rig, plan: Plan) -> protocol.Rest:
 def running_engines() -> list[Path]:
     """Directories of this user's running engines, for :meth:`EngineClient.attach`."""
     return directories.running()
+
+
+def engines() -> list[EngineInfo]:
+    """This user's running engines with what they do, the oldest first."""
+    return directories.engines()
 
 
 def collect(

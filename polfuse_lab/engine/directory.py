@@ -8,6 +8,7 @@ import shutil
 import stat
 import sys
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -74,6 +75,49 @@ def running() -> list[Path]:
         else:
             remove(directory)
     return found
+
+
+@dataclass(frozen=True)
+class EngineInfo:
+    """A running engine."""
+
+    directory: Path
+    """Its private directory, by which a client attaches."""
+    pid: int
+    mode: protocol.Mode
+    """``"collect"``, ``"bench"`` (set-up mode) or ``"replay"``."""
+    rig_name: str
+    rig_path: str
+    plan_name: str
+    """Empty in set-up mode."""
+    output: str
+    """The session that is written; the one that is played in a replay; empty in set-up mode."""
+    since_unix_s: float
+    """When it was started, seconds since 1970."""
+    devices: tuple[str, ...]
+    """What it holds, see :func:`polfuse_lab.engine.claims.claims`."""
+
+
+def engines() -> list[EngineInfo]:
+    """This user's running engines, the oldest first."""
+    found = []
+    for directory in running():
+        known = address(directory)
+        if known is not None:
+            found.append(
+                EngineInfo(
+                    directory=directory,
+                    pid=known.pid,
+                    mode=known.mode,
+                    rig_name=known.rig_name,
+                    rig_path=known.rig_path,
+                    plan_name=known.plan_name,
+                    output=known.output,
+                    since_unix_s=known.since_unix_s,
+                    devices=tuple(known.devices),
+                )
+            )
+    return sorted(found, key=lambda engine: engine.since_unix_s)
 
 
 def remove(directory: Path) -> None:

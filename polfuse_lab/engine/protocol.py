@@ -7,6 +7,8 @@ silent is forgotten, and the run goes on without it. :class:`Finished` is the la
 
 from __future__ import annotations
 
+from typing import Literal
+
 import msgspec
 
 PROTOCOL_VERSION = 1
@@ -24,8 +26,15 @@ class Rest(msgspec.Struct, frozen=True):
     """Which session began it; kept in the new one."""
 
 
+Mode = Literal["collect", "bench", "replay"]
+"""What an engine does: carry out a plan, set a rig up, or play a session."""
+
+
 class Request(msgspec.Struct, frozen=True):
-    """What an engine is started for; handed over as a file in the engine's private directory."""
+    """What an engine is started for; handed over as a file in the engine's private directory.
+
+    In set-up mode there is no plan and no output; in a replay the output is the session that is played.
+    """
 
     rig_path: str
     rig_toml: str
@@ -38,6 +47,9 @@ class Request(msgspec.Struct, frozen=True):
     rest: Rest | None = None
     """Only what is left of the plan; None: all of it."""
     version: int = PROTOCOL_VERSION
+    mode: Mode = "collect"
+    speed: float = 1.0
+    """Of a replay."""
 
 
 class Address(msgspec.Struct, frozen=True):
@@ -47,6 +59,14 @@ class Address(msgspec.Struct, frozen=True):
     pid: int
     output: str
     version: int = PROTOCOL_VERSION
+    mode: Mode = "collect"
+    rig_name: str = ""
+    rig_path: str = ""
+    plan_name: str = ""
+    since_unix_s: float = 0.0
+    """When it began to listen, seconds since 1970."""
+    devices: list[str] = []
+    """What it holds, see :func:`polfuse_lab.engine.claims.claims`."""
 
 
 class Attach(msgspec.Struct, frozen=True, tag=True):
@@ -82,6 +102,16 @@ class Answer(msgspec.Struct, frozen=True, tag=True):
     ticket: int
 
 
+class Watch(msgspec.Struct, frozen=True, tag=True):
+    """The client reads the live streams: they are to begin."""
+
+
+class SetSpeed(msgspec.Struct, frozen=True, tag=True):
+    """Replay so many times as fast as recorded."""
+
+    speed: float
+
+
 class Ping(msgspec.Struct, frozen=True, tag=True):
     """The client lives."""
 
@@ -90,7 +120,7 @@ class Detach(msgspec.Struct, frozen=True, tag=True):
     """The client leaves; the run goes on."""
 
 
-ClientMessage = Attach | Abort | Pause | Resume | AddNote | Answer | Ping | Detach
+ClientMessage = Attach | Abort | Pause | Resume | AddNote | Answer | Watch | SetSpeed | Ping | Detach
 
 
 class Prompt(msgspec.Struct, frozen=True):

@@ -1,149 +1,106 @@
-"""The engine's socket: clients come, steer, and go; the run does not depend on them."""
+"""What a collect's (or a replay's) clients are told, and how they steer it."""
 
 from __future__ import annotations
 
-import contextlib
-import hmac
-import os
-import threading
-import time
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
-
-import msgspec
-import zmq
+from typing import Any, Protocol
 
 from polfuse_lab.engine import protocol
-from polfuse_lab.live import LivePipeline
-from polfuse_lab.scheduler import Outcome, Scheduler
+from polfuse_lab.engine.serving import LINGER_S, ClientServer
+from polfuse_lab.live import Preview
+from polfuse_lab.scheduler import Control, Outcome, RunStatus
+from polfuse_lab.scheduler.prompts import Prompts
 
-LINGER_S = 2.0
-"""How long a finished engine waits for its clients to take note."""
-
-
-@dataclass
-class _Client:
-    heard: float
-    preview: int = 0
-    """Number of the newest preview that it has been sent."""
+__all__ = ["LINGER_S", "Run", "Server"]
 
 
-class Server:
-    """Serves clients in a thread of its own until :meth:`finish`."""
+class Run(Protocol):
+    """What is steered: a :class:`polfuse_lab.scheduler.Scheduler`, or a session that is played."""
 
-    def __init__(self, directory: Path, request: protocol.Request, scheduler: Scheduler, live: LivePipeline) -> None:
-        self._token = request.token
-        self._scheduler = scheduler
-        self._live = live
-        self._clients: dict[bytes, _Client] = {}
-        self._met = False
-        """Whether any client has ever attached: a run may end before the one that started it gets to the socket."""
-        self._outcome: Outcome | None = None
-        self._changed = threading.Event()
-        self._context = zmq.Context()
-        self._socket = self._context.socket(zmq.ROUTER)
-        self._socket.setsockopt(zmq.LINGER, 500)
-        self._socket.setsockopt(zmq.SNDHWM, 100)
-        self.endpoint = _bind(self._socket, directory, request.transport)
-        self._thread = threading.Thread(target=self._work, name="engine server", daemon=True)
+    control: Control
+    prompts: Prompts
 
-    def start(self) -> None:
-        """Begin to serve."""
-        self._thread.start()
+    def status(self) -> RunStatus:
+        """The present status."""
 
-    def changed(self) -> None:
-        """The scheduler's state has changed: tell it without delay."""
-        self._changed.set()
+    def note(self, text: str) -> bool:
+        """Add a remark; False when it comes too late."""
+
+
+class Previewing(Protocol):
+    """Who makes the previews that go with the status."""
+
+    @property
+    def preview(self) -> Preview | None:
+        """The newest one."""
+
+
+class Server(ClientServer):
+    """Serves the clients of a run.
+
+    Args:
+        directory: the engine's private directory.
+        request: what the engine was started for.
+        run: what is steered.
+        live: makes the preview in the status.
+        on_watch: called when a client reads the live streams.
+        on_speed: called when a client wants a replay faster or slower; a collect cannot.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        request: protocol.Request,
+        run: Run,
+        live: Previewing,
+        *,
+        on_watch: Callable[[], None] = lambda: None,
+        on_speed: Callable[[float], None] | None = None,
+    ) -> None:
+        super().__init__(directory, request)
+        self._run, self._live, self._on_watch, self._on_speed = run, live, on_watch, on_speed
 
     def finish(self, outcome: Outcome) -> None:
         """Tell the outcome, wait until every client has left (a few seconds at most), and end."""
-        self._outcome = outcome
-        self._thread.join(LINGER_S + 8)
-        if self._thread.is_alive():
-            # ZeroMQ ends the process when a socket is closed under the thread that uses it.
-            return
-        self._socket.close()
-        self._context.term()
+        fields = asdict(outcome)
+        session = None if outcome.session is None else str(outcome.session)
+        self.end(protocol.Finished(**{**fields, "session": session, "warnings": list(outcome.warnings)}))
 
-    def _work(self) -> None:
-        sent = 0.0
-        finished: float | None = None
-        while True:
-            if self._socket.poll(20):
-                self._receive()
-            now = time.monotonic()
-            self._forget(now)
-            if self._outcome is not None:
-                if finished is None:
-                    finished = now
-                    self._tell(_finished(self._outcome))
-                if (self._met and not self._clients) or now - finished > LINGER_S:
-                    return
-            elif self._changed.is_set() or now - sent > protocol.STATUS_EVERY_S:
-                self._changed.clear()
-                sent = now
-                self._tell_status()
+    def _decode(self, content: bytes) -> protocol.ClientMessage:
+        return protocol.decode_client(content)
 
-    def _receive(self) -> None:
-        try:
-            identity, content = self._socket.recv_multipart(zmq.NOBLOCK)
-        except (zmq.Again, ValueError):
-            return
-        try:
-            message = protocol.decode_client(content)
-        except msgspec.MsgspecError as error:
-            self._send(identity, protocol.Refused(f"message not understood ({error})"))
-            return
-        if isinstance(message, protocol.Attach):
-            self._attach(identity, message)
-        elif identity not in self._clients:
-            self._send(identity, protocol.Refused("attach first"))
-        else:
-            self._clients[identity].heard = time.monotonic()
-            self._obey(identity, message)
-
-    def _attach(self, identity: bytes, message: protocol.Attach) -> None:
-        if message.version != protocol.PROTOCOL_VERSION:
-            self._send(
-                identity,
-                protocol.Refused(f"the engine speaks protocol {protocol.PROTOCOL_VERSION}, not {message.version}"),
-            )
-        elif not hmac.compare_digest(message.token.encode(), self._token.encode()):
-            self._send(identity, protocol.Refused("wrong token"))
-        else:
-            self._met = True
-            self._clients[identity] = _Client(time.monotonic())
-            if self._outcome is not None:
-                self._send(identity, _finished(self._outcome))
-            else:
-                self._tell_status()
-
-    def _obey(self, identity: bytes, message: protocol.ClientMessage) -> None:
+    def _obey(self, message: protocol.ClientMessage) -> str | None:
         match message:
             case protocol.Abort(reason):
-                self._scheduler.control.abort(reason)
+                self._run.control.abort(reason)
             case protocol.Pause():
-                self._scheduler.control.pause()
+                self._run.control.pause()
             case protocol.Resume():
-                self._scheduler.control.resume()
+                self._run.control.resume()
             case protocol.AddNote(text):
-                if not self._scheduler.note(text):
-                    self._send(identity, protocol.Refused("the collect has ended: the note was not kept"))
+                if not self._run.note(text):
+                    return "the collect has ended: the note was not kept"
             case protocol.Answer(ticket):
-                if not self._scheduler.prompts.answer(ticket):
-                    self._send(identity, protocol.Refused(f"prompt {ticket} is not open"))
-            case protocol.Detach():
-                del self._clients[identity]
+                if not self._run.prompts.answer(ticket):
+                    return f"prompt {ticket} is not open"
+            case protocol.Watch():
+                self._on_watch()
+            case protocol.SetSpeed(speed):
+                if self._on_speed is None:
+                    return "a collect runs at its own speed"
+                if not speed > 0:
+                    return f"a speed of {speed:g} is not above 0"
+                self._on_speed(speed)
+        return None
 
-    def _forget(self, now: float) -> None:
-        for identity in [key for key, client in self._clients.items() if now - client.heard > protocol.SILENCE_S]:
-            del self._clients[identity]
-
-    def _tell_status(self) -> None:
-        status = asdict(self._scheduler.status())
-        prompts = [protocol.Prompt(ticket, text) for ticket, text in self._scheduler.prompts.open()]
+    def _states(self) -> dict[bytes, Any]:
+        status = asdict(self._run.status())
+        prompts = [protocol.Prompt(ticket, text) for ticket, text in self._run.prompts.open()]
         fields = {**status, "state": str(status["state"]), "warnings": list(status["warnings"]), "prompts": prompts}
         preview = self._live.preview
+        messages = {}
         for identity, client in list(self._clients.items()):
             fresh = None
             if preview is not None and preview.number > client.preview:
@@ -156,31 +113,5 @@ class Server:
                     preview.step_m,
                     preview.level_db.astype("<f4").tobytes(),
                 )
-            self._send(identity, protocol.StatusEvent(**fields, preview=fresh))
-
-    def _tell(self, message: protocol.EngineMessage) -> None:
-        for identity in list(self._clients):
-            self._send(identity, message)
-
-    def _send(self, identity: bytes, message: protocol.EngineMessage) -> None:
-        # A client that does not read loses events; the engine never waits for it.
-        with contextlib.suppress(zmq.ZMQError):
-            self._socket.send_multipart([identity, protocol.encode(message)], zmq.NOBLOCK)
-
-
-def _finished(outcome: Outcome) -> protocol.Finished:
-    fields = asdict(outcome)
-    session = None if outcome.session is None else str(outcome.session)
-    return protocol.Finished(**{**fields, "session": session, "warnings": list(outcome.warnings)})
-
-
-def _bind(socket: zmq.Socket[bytes], directory: Path, transport: str) -> str:
-    if transport == "ipc":
-        endpoint = f"ipc://{directory / 'engine.sock'}"
-        before = os.umask(0o177)
-        try:
-            socket.bind(endpoint)
-        finally:
-            os.umask(before)
-        return endpoint
-    return f"tcp://127.0.0.1:{socket.bind_to_random_port('tcp://127.0.0.1')}"
+            messages[identity] = protocol.StatusEvent(**fields, preview=fresh)
+        return messages

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from polfuse_lab.live.ring import SUFFIX, Array, RingReader, RingWriter, Shown
+from polfuse_lab.live.ring import SUFFIX, Array, RingReader, RingWriter, Shown, supersede
 
 FOLDER = "live"
 """Folder of the rings inside an engine's private directory."""
@@ -56,8 +56,9 @@ class Board:
         size = sum(-(-array.nbytes // 64) * 64 for array in arrays.values())
         ring = self._rings.get(stream)
         if ring is None or ring.payload_bytes < size:
-            first = 1 if ring is None else ring.number + 1
             path = self._folder / f"{stream}{SUFFIX}"
+            # The ring of a live process that has died is gone on with.
+            first = supersede(path) + 1 if ring is None else ring.number + 1
             self._rings[stream] = RingWriter(path, size, slots, first)
             if ring is not None:
                 ring.retire()
@@ -142,11 +143,11 @@ class LiveView:
 
     def _reader(self, stream: str) -> RingReader | None:
         reader = self._readers.get(stream)
-        if reader is not None and reader.retired:
-            reader.close()
-            del self._readers[stream]
-            reader = None
-        if reader is None:
+        if reader is None or reader.retired:
+            # Where nothing has taken its place, the last items of an engine that has ended stay.
             with contextlib.suppress(OSError, ValueError):
-                reader = self._readers[stream] = RingReader(self._folder / f"{stream}{SUFFIX}")
+                fresh = RingReader(self._folder / f"{stream}{SUFFIX}")
+                if reader is not None:
+                    reader.close()
+                reader = self._readers[stream] = fresh
         return reader

@@ -155,6 +155,19 @@ class RingWriter:
             self._memory.close()
 
 
+def supersede(path: Path) -> int:
+    """Tell readers of a ring whose writer has died that another will take its place; the number of its newest item."""
+    try:
+        with open(path, "r+b") as file, mmap.mmap(file.fileno(), _HEAD) as memory:
+            magic, _, _, _, newest, _, _, _ = np.frombuffer(bytes(memory), np.int64)
+            if magic != _MAGIC:
+                return 0
+            memory[40:48] = np.int64(1).tobytes()
+            return int(newest)
+    except (OSError, ValueError):
+        return 0
+
+
 class RingReader:
     """A reading end. Raises :class:`FileNotFoundError` where there is no such file, ValueError where it is no ring."""
 

@@ -1,0 +1,33 @@
+"""``python -m polfuse_lab.live``: the live process, started by an engine."""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import os
+import signal
+
+from polfuse_lab.engine.children import SIGNALS
+
+NICE = 5
+"""Pictures give way to whoever records."""
+
+if __name__ == "__main__":
+    faulthandler.enable()
+    if hasattr(os, "nice"):
+        with contextlib.suppress(OSError):
+            os.nice(NICE)
+    # One core for pictures at most; the others are for whoever records. Read when numba is imported.
+    os.environ["NUMBA_NUM_THREADS"] = "1"
+    from polfuse_lab.live.process import main
+
+    for number in SIGNALS:
+        # The engine decides when it is over; the only cue is the pipe.
+        signal.signal(number, signal.SIG_IGN)
+    code = 1
+    try:
+        main()
+        code = 0
+    finally:
+        # A kernel in another thread must not keep it.
+        os._exit(code)
