@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from polfuse_lab.cli.output import Debug, Json, guarded, result
-
-if TYPE_CHECKING:
-    from polfuse_lab.products.calibrate import TargetSpec
+from polfuse_lab.cli.output import Debug, Json, guarded, progress, result
 
 
 class TargetKind(StrEnum):
@@ -29,6 +27,13 @@ class CheckKind(StrEnum):
     dihedral = "dihedral"
 
 
+class ClutterMethod(StrEnum):
+    """How distributed targets tell crosstalk."""
+
+    quegan = "quegan"
+    ainsworth = "ainsworth"
+
+
 class Mode(StrEnum):
     """How power becomes RCS."""
 
@@ -39,8 +44,10 @@ class Mode(StrEnum):
 @guarded
 def calibrate(
     products: Annotated[Path, typer.Argument(help="Products file with a focused image.")],
-    target: Annotated[TargetKind, typer.Option(help="What to calibrate on (square faces).")],
-    at: Annotated[str, typer.Option(metavar="X,Y", help="Its place: x along the rail, ground range y, metres.")],
+    target: Annotated[TargetKind | None, typer.Option(help="What to calibrate on (square faces).")] = None,
+    at: Annotated[
+        str | None, typer.Option(metavar="X,Y", help="Its place: x along the rail, ground range y, metres.")
+    ] = None,
     edge_m: Annotated[float, typer.Option(help="Edge of its faces, metres.")] = 0.61,
     azimuth_deg: Annotated[
         float | None, typer.Option(help="Azimuth of the aperture's centre in its frame, deg [trihedral: 45, plate: 0].")
@@ -50,8 +57,34 @@ def calibrate(
     ] = None,
     height_m: Annotated[float, typer.Option(help="Height of its apex (face's centre) above the ground, metres.")] = 0.0,
     angle_sd_deg: Annotated[
-        float, typer.Option(min=0.0, help="How well those angles are known, degrees (sd); the thesis: 5.")
+        float, typer.Option(min=0.0, help="How well angles of targets are known, degrees (sd); the thesis: 5.")
     ] = 0.0,
+    position_sd_m: Annotated[float, typer.Option(min=0.0, help="How well the target's place is known, m (sd).")] = 0.0,
+    edge_sd_m: Annotated[float, typer.Option(min=0.0, help="How well its edge is known, m (sd).")] = 0.0,
+    also: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND@X,Y[@EDGE]",
+            help="A further target in the image: dihedral (fold upright), dihedral_45, trihedral or plate.",
+        ),
+    ] = None,
+    series: Annotated[
+        Path | None,
+        typer.Option(help="Session of a calibration series: takes imbalance and crosstalk from its targets."),
+    ] = None,
+    clutter: Annotated[
+        str | None, typer.Option(metavar="X0,X1,Y0,Y1", help="Region of vegetation that tells the crosstalk, metres.")
+    ] = None,
+    clutter_method: Annotated[
+        ClutterMethod, typer.Option(help="quegan: vegetation without slope; ainsworth: any reciprocal scatterers.")
+    ] = ClutterMethod.quegan,
+    phase_sd_deg: Annotated[
+        float, typer.Option(min=0.0, help="Phase noise between channels recorded one after the other, degrees (sd).")
+    ] = 0.0,
+    shift_sd_m: Annotated[
+        float, typer.Option(min=0.0, help="How well the trolley comes back to a place for another channel, m (sd).")
+    ] = 0.0,
+    walk: Annotated[bool, typer.Option("--walk", help="Ask for the targets one after the other.")] = False,
     sky: Annotated[Path | None, typer.Option(help="Session of a look at the clear sky, for the noise.")] = None,
     check: Annotated[CheckKind | None, typer.Option(help="A second reflector to measure.")] = None,
     check_at: Annotated[str | None, typer.Option(metavar="X,Y", help="Its place, metres.")] = None,
@@ -76,124 +109,77 @@ def calibrate(
     json_: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Turn focused amplitudes into RCS with a reflector of known size, and tell crosstalk and imbalance.
+    """Turn focused amplitudes into RCS with reflectors of known size, and take imbalance and crosstalk off.
+
+    One trihedral gives the constant and the imbalance; with a dihedral and one turned by 45 degrees (in the image:
+    --also, or in a session of a calibration series: --series) the crosstalk is taken off as well. Each target is judged
+    first, and a bad one is refused with the reason. With --walk the targets are asked for one by one.
 
     Example: polfuse calibrate products.h5 --target trihedral --at 0,8 --edge-m 0.61 --check dihedral --check-at 2,9
     """
+    from polfuse_lab.cli import calibration_options as options
+
     if check is not None and check_at is None:
         raise typer.BadParameter("give the place of the second reflector", param_hint="--check-at")
     if check is None and check_at is not None:
         raise typer.BadParameter("say what the second reflector is", param_hint="--check")
-    place, check_place = _place(at, "--at"), None if check_at is None else _place(check_at, "--check-at")
-    from polfuse_lab.products import calibrate as stage
+    if (target is None) != (at is None):
+        raise typer.BadParameter(
+            "give a target and its place together", param_hint="--at" if at is None else "--target"
+        )
+    if target is None and series is None and not walk:
+        raise typer.BadParameter(
+            "say what to calibrate on: --target and --at, or --series, or --walk to be asked", param_hint="--target"
+        )
+    check_place = None if check_at is None else options.place(check_at, "--check-at")
+    stated = None
+    if target is not None and at is not None:
+        stated = options.spec(
+            target.value,
+            options.place(at, "--at"),
+            edge_m,
+            azimuth_deg=azimuth_deg,
+            elevation_deg=elevation_deg,
+            height_m=height_m,
+            angle_sd_deg=angle_sd_deg,
+            position_sd_m=position_sd_m,
+            edge_sd_m=edge_sd_m,
+        )
+    others = [options.further(text, edge_m, height_m, angle_sd_deg) for text in also or ()]
+    if walk:
+        from polfuse_lab.cli.calibration_walk import walk as ask
 
-    spec = _spec(target.value, place, edge_m, azimuth_deg, elevation_deg, 0.0, height_m, angle_sd_deg)
+        asked = ask(products, radius_m=search_radius_m, min_snr_db=min_snr_db)
+        stated, others = asked[0], asked[1:]
     check_spec = None
     if check is not None and check_place is not None:
-        check_spec = _spec(
+        check_spec = options.spec(
             check.value,
             check_place,
             check_edge_m or edge_m,
-            check_azimuth_deg,
-            check_elevation_deg,
-            check_fold_deg,
-            check_height_m,
-            0.0,
+            azimuth_deg=check_azimuth_deg,
+            elevation_deg=check_elevation_deg,
+            fold_deg=check_fold_deg,
+            height_m=check_height_m,
         )
+    from polfuse_lab.products import calibrate as stage
+
     made = stage.calibrate(
         products,
-        spec,
+        stated,
+        targets=others,
+        series=series,
+        clutter=None if clutter is None else options.region(clutter, clutter_method.value),
         sky=sky,
         check=check_spec,
         mode=mode.value,
         search_radius_m=search_radius_m,
         min_snr_db=min_snr_db,
         reference=reference,
+        phase_sd_rad=radians(phase_sd_deg),
+        shift_sd_m=shift_sd_m,
+        on_target=lambda view: progress(options.told(view)),
     )
-    values: dict[str, object] = {
-        "constant_db": made.constant_db,
-        "constant_sd_db": made.constant_sd_db,
-        "crosstalk_db": made.worst_crosstalk_db,
-        "crosstalk_by_channel_db": made.crosstalk_db,
-        "imbalance_db": made.imbalance_db,
-        "imbalance_deg": made.imbalance_deg,
-        "cross_imbalance_known": made.cross_imbalance is not None,
-        "slope": made.slope,
-        "target": {
-            "x_m": made.target.x_m,
-            "y_m": made.target.y_m,
-            "snr_db": made.target.snr_db,
-            "expected_dbsm": made.expected_dbsm,
-        },
-        "noise_equivalent_dbsm": made.noise_equivalent_dbsm,
-        "noise_source": made.noise_source,
-        "check": None,
-        "products": made.products,
-    }
-    lines = [
-        f"{target.value} at ({made.target.x_m:.2f}, {made.target.y_m:.2f}) m, {made.target.snr_db:.1f} dB above the "
-        f"background, expected {made.expected_dbsm:.2f} dBsm",
-        f"constant {made.constant_db:.2f} +- {made.constant_sd_db:.2f} dB, noise-equivalent RCS there "
-        f"{made.noise_equivalent_dbsm:.1f} dBsm ({made.noise_source})",
-        f"VV over HH {made.imbalance_db:+.2f} dB {made.imbalance_deg:+.1f} deg, crosstalk "
-        + (", ".join(f"{name} {value:.1f} dB" for name, value in made.crosstalk_db.items()) or "not measured"),
-    ]
-    if made.cross_imbalance is None:
-        lines.append("no reciprocal cross-polarized target: receive and transmit imbalance are taken as alike")
-    if made.check is not None:
-        values["check"] = {
-            "rcs_dbsm": made.check.rcs_dbsm,
-            "expected_dbsm": made.check.expected_dbsm,
-            "error_db": made.check.error_db,
-            "thesis_accuracy_percent": made.check.thesis_accuracy_percent,
-            "sd_db": made.check.sd_db,
-            "channel": made.check.channel,
-            "x_m": made.check.x_m,
-            "y_m": made.check.y_m,
-        }
-        lines.append(
-            f"check: {made.check.rcs_dbsm:.2f} dBsm in {made.check.channel}, expected {made.check.expected_dbsm:.2f}: "
-            f"{made.check.error_db:+.2f} +- {made.check.sd_db:.2f} dB "
-            f"({made.check.thesis_accuracy_percent:.2f} % in the thesis's measure)"
-        )
-    lines.append(f"products: {made.products}")
-    result(values, as_json=json_, text="\n".join(lines))
+    from polfuse_lab.cli.calibration_told import lines, values
 
-
-def _place(text: str, option: str) -> tuple[float, float]:
-    try:
-        x, y = (float(part) for part in text.split(","))
-    except ValueError:
-        raise typer.BadParameter(f"{text!r} is not X,Y, two numbers in metres", param_hint=option) from None
-    return x, y
-
-
-def _spec(
-    kind: str,
-    place: tuple[float, float],
-    edge_m: float,
-    azimuth_deg: float | None,
-    elevation_deg: float | None,
-    fold_deg: float,
-    height_m: float,
-    angle_sd_deg: float,
-) -> TargetSpec:
-    from math import radians
-
-    from polfuse_lab.products.calibrate import TargetSpec
-    from processing.calibration.rcs import TRIHEDRAL_AXIS_ELEVATION_RAD
-
-    corner = kind == "trihedral"
-    azimuth = radians(45.0 if corner else 0.0) if azimuth_deg is None else radians(azimuth_deg)
-    elevation = TRIHEDRAL_AXIS_ELEVATION_RAD if corner else 0.0
-    return TargetSpec(
-        kind=kind,
-        x_m=place[0],
-        y_m=place[1],
-        edge_m=edge_m,
-        azimuth_rad=azimuth,
-        elevation_rad=elevation if elevation_deg is None else radians(elevation_deg),
-        fold_rad=radians(fold_deg),
-        height_m=height_m,
-        angle_sd_rad=radians(angle_sd_deg),
-    )
+    result(values(made), as_json=json_, text="\n".join(lines(made)))

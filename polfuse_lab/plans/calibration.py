@@ -43,7 +43,11 @@ class SeriesTarget(FileModel):
     elevation_deg: float = Field(default=0.0, ge=-90, le=90)
     """Likewise, above its lower face (trihedral) or its boresight, degrees."""
     angle_sd_deg: float = Field(default=0.0, ge=0, le=45)
-    """Standard deviation of these angles, degrees (thesis: 5)."""
+    """Standard deviation of these angles and of a fold's, degrees (thesis: 5)."""
+    position_sd_m: float = Field(default=0.0, ge=0, le=10)
+    """Standard deviation of its place along x and y, m."""
+    edge_sd_m: float = Field(default=0.0, ge=0, le=1)
+    """Standard deviation of its edge, m."""
 
     @property
     def prompt(self) -> str:

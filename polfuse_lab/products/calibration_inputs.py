@@ -55,18 +55,30 @@ class TargetSpec:
     """Height of its phase centre (apex, fold's or face's centre) above the ground, m."""
     angle_sd_rad: float = 0.0
     """Standard deviation of the stated angles, rad (the thesis: 5 degrees)."""
+    position_sd_m: float = 0.0
+    """Standard deviation of the stated place along x and y, m: how far its direction may be off."""
+    edge_sd_m: float = 0.0
+    """Standard deviation of the stated edge, m."""
+    name: str = ""
+    """What it is called in results; its kind where left out."""
 
     def __post_init__(self) -> None:
         numbers = (self.x_m, self.y_m, self.edge_m, self.azimuth_rad, self.elevation_rad, self.fold_rad)
         if self.kind not in KINDS:
             raise DataError(f"there is no target of kind {self.kind!r}", f"use one of {', '.join(KINDS)}")
-        if not np.isfinite([*numbers, self.height_m, self.angle_sd_rad]).all():
+        sds = (self.angle_sd_rad, self.position_sd_m, self.edge_sd_m)
+        if not np.isfinite([*numbers, self.height_m, *sds]).all():
             raise DataError(f"the {self.kind} is described with a number that is not finite", "give finite numbers")
-        if self.edge_m <= 0 or self.y_m <= 0 or self.angle_sd_rad < 0:
+        if self.edge_m <= 0 or self.y_m <= 0 or min(sds) < 0:
             raise DataError(
-                f"the {self.kind} has edge {self.edge_m} m, ground range {self.y_m} m and angle sd {self.angle_sd_rad}",
-                "edge and ground range are positive, the angles' sd is not negative",
+                f"the {self.kind} has edge {self.edge_m} m, ground range {self.y_m} m and standard deviations {sds}",
+                "edge and ground range are positive, standard deviations are not negative",
             )
+
+    @property
+    def label(self) -> str:
+        """What it is called in results."""
+        return self.name or self.kind
 
     @classmethod
     def of(cls, target: SeriesTarget) -> TargetSpec:
@@ -88,6 +100,9 @@ class TargetSpec:
             fold_rad=math.radians(folds_deg.get(target.kind, 0.0)),
             height_m=target.height_m,
             angle_sd_rad=math.radians(target.angle_sd_deg),
+            position_sd_m=target.position_sd_m,
+            edge_sd_m=target.edge_sd_m,
+            name=target.name,
         )
 
     def reflector(self, ground_z_m: float) -> Reflector:
@@ -119,6 +134,8 @@ class TargetSpec:
             "elevation_deg": float(np.degrees(self.elevation_rad)),
             "fold_deg": float(np.degrees(self.fold_rad)),
             "angle_sd_deg": float(np.degrees(self.angle_sd_rad)),
+            "position_sd_m": self.position_sd_m,
+            "edge_sd_m": self.edge_sd_m,
         }
 
 
@@ -156,7 +173,7 @@ class FocusedImage:
 
         The aperture's window, times the squared two-way pattern where the processor compensated for it.
         """
-        return self._window() * self._pattern(place_m) ** 2
+        return self.window() * self.pattern(place_m) ** 2
 
     def noise_averaging(self) -> Floats:
         """(ny,) noise power in the image over that of one profile, abreast of the rail's middle, row by row.
@@ -164,18 +181,22 @@ class FocusedImage:
         The image is ``sum w g s / sum w g^2`` over the positions; independent noise adds in power. 1 / positions for a
         rectangular window without pattern compensation.
         """
-        window = self._window()
+        window = self.window()
         factors = np.empty(len(self.y_m))
         for row, y in enumerate(self.y_m):
-            gain = self._pattern(np.array([0.0, y, self.z_m]))
+            gain = self.pattern(np.array([0.0, y, self.z_m]))
             total = np.sum(window * gain**2)
             factors[row] = np.sum((window * gain) ** 2) / total**2 if total > 0 else np.nan
         return factors
 
-    def _window(self) -> Floats:
+    def window(self) -> Floats:
+        """(positions,) window along the aperture."""
+        if len(self.antenna_m) == 1:
+            return np.ones(1)
         return aperture_window(str(self.settings.get("aperture_window", "rectangular")), len(self.antenna_m))
 
-    def _pattern(self, place_m: Floats) -> Floats:
+    def pattern(self, place_m: Floats) -> Floats:
+        """(positions,) two-way amplitude pattern towards a place, where the processor compensated for it; else 1."""
         beamwidth = self.settings.get("beamwidth_rad")
         if beamwidth is None:
             return np.ones(len(self.antenna_m))
@@ -266,7 +287,7 @@ def sky_noise(sky: Path | str, focused: FocusedImage) -> Floats:
 
 
 def _sky_profiles(path: Path, settings: Mapping[str, Any]) -> tuple[NDArray[Any], Floats, tuple[str, ...]]:
-    if _is_products(path):
+    if is_products(path):
         stage = Products(path).read("ranging")
         return stage["profiles"], stage["range_m"], tuple(Products(path).settings("ranging")["channels"])
     from polfuse_lab.products.ranging import range_profiles
@@ -278,7 +299,8 @@ def _sky_profiles(path: Path, settings: Mapping[str, Any]) -> tuple[NDArray[Any]
     return profiles.values, profiles.range_m, profiles.channels
 
 
-def _is_products(path: Path) -> bool:
+def is_products(path: Path) -> bool:
+    """Whether a file is a products file."""
     import h5py
 
     try:

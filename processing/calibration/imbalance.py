@@ -1,9 +1,9 @@
-"""Polarimetric imbalance and crosstalk of a radar with isolated antennas.
+"""The isolated-antenna case: a radar whose antennas do not leak into each other.
 
-Model: what is measured is ``M = R S T`` (S[rx, tx]). With isolated antennas R and T are diagonal, and relative to HH
-the channels carry ``VV: f_r f_t``, ``HV: f_r``, ``VH: f_t`` (names transmit-then-receive; ``f_r = R_vv / R_hh``,
-``f_t = T_vv / T_hh``). A trihedral gives the product f_r f_t; the quotient f_r / f_t comes from any target with
-S_hv = S_vh. What a trihedral shows in HV and VH is crosstalk, which is reported, not removed.
+R and T of ``M = R S T`` are then diagonal (see :mod:`processing.calibration.distortion`), and relative to HH the
+channels carry ``VV: f_r f_t``, ``HV: f_r``, ``VH: f_t`` (names transmit-then-receive; ``f_r = R_vv / R_hh``, ``f_t =
+T_vv / T_hh``). A trihedral gives the product f_r f_t; the quotient f_r / f_t comes from any target with S_hv = S_vh.
+What a trihedral shows in HV and VH is crosstalk, which is reported, not removed.
 Source: Freeman, SAR calibration: an overview (IEEE TGRS 1992), without its crosstalk terms.
 """
 
@@ -15,40 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from processing.calibration.distortion import Distortion
 from processing.errors import DataError
 
-Complexes = NDArray[np.complex128]
 
-
-@dataclass(frozen=True)
-class Imbalance:
-    """Complex gains of V over H."""
-
-    receive: complex
-    """f_r = R_vv / R_hh."""
-    transmit: complex
-    """f_t = T_vv / T_hh."""
-
-    def gain(self, channel: str) -> complex:
-        """Gain of a channel over HH."""
-        return (self.transmit if channel[0] == "V" else 1.0) * (self.receive if channel[1] == "V" else 1.0)
-
-    @property
-    def co_db(self) -> float:
-        """Amplitude imbalance of VV over HH, dB."""
-        return float(20 * np.log10(abs(self.receive * self.transmit)))
-
-    @property
-    def co_deg(self) -> float:
-        """Phase imbalance of VV over HH, degrees, in (-180, 180]."""
-        return float(np.degrees(np.angle(self.receive * self.transmit)))
-
-
-NO_IMBALANCE = Imbalance(1.0, 1.0)
-
-
-def imbalance(co_ratio: complex, cross_ratio: complex | None) -> Imbalance:
-    """Gains of V over H from VV / HH on a trihedral and HV / VH on a reciprocal target.
+def imbalance(co_ratio: complex, cross_ratio: complex | None) -> Distortion:
+    """Isolated antennas' gains of V over H, from VV / HH on a trihedral and HV / VH on a reciprocal target.
 
     ``f_r^2 = co_ratio * cross_ratio`` leaves the common sign of f_r and f_t open; the root with the smaller phase is
     taken, which is right while the receive phases of V and H differ by less than 90 degrees. The sign matters for
@@ -62,7 +34,7 @@ def imbalance(co_ratio: complex, cross_ratio: complex | None) -> Imbalance:
         if not np.isfinite(ratio) or ratio == 0:
             raise DataError(f"{name} of the calibration target is {ratio}", "choose a target that all channels see")
     receive = complex(np.sqrt(complex(co_ratio) * cross))
-    return Imbalance(receive, complex(co_ratio) / receive)
+    return Distortion.isolated(receive, complex(co_ratio) / receive)
 
 
 def crosstalk_db(values: Mapping[str, complex]) -> dict[str, float]:
@@ -137,10 +109,3 @@ def cross_polarized_pixels(
         leak = strongest * 10 ** (crosstalk[name] / 10)
         good &= power[name] > margin * np.maximum(leak, noise[name])
     return good
-
-
-def balance(image: ArrayLike, channels: tuple[str, ...], gains: Imbalance) -> Complexes:
-    """Image (channels, ...) with every channel divided by its gain over HH."""
-    values = np.asarray(image, dtype=np.complex128)
-    divisor = np.array([gains.gain(name) for name in channels])
-    return np.asarray(values / divisor.reshape(-1, *[1] * (values.ndim - 1)))
