@@ -21,6 +21,7 @@ COMMANDS = (
     ("range_", "range_", "range"),
     ("focus", "focus", "focus"),
     ("calibrate", "calibrate", "calibrate"),
+    ("analyse", "analyse", "analyse"),
     ("decompose", "decompose", "decompose"),
     ("optics", "optics", "optics"),
     ("fuse", "fuse", "fuse"),

@@ -37,6 +37,7 @@ MADE_BY = {
     "focus": "polfuse focus SESSION.h5 -o PRODUCTS.h5",
     "calibration": "polfuse calibrate PRODUCTS.h5 --target trihedral",
     "polarimetry": "polfuse calibrate PRODUCTS.h5 --target trihedral",
+    "analysis": "polfuse analyse PRODUCTS.h5",
     "matrices": "polfuse import DIR -o PRODUCTS.h5 --as polsarpro",
     "optics": "polfuse optics SESSION.h5 -o PRODUCTS.h5",
     "fusion": "polfuse fuse PRODUCTS.h5",
