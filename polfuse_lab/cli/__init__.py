@@ -23,6 +23,7 @@ COMMANDS = (
     ("calibrate", "calibrate", "calibrate"),
     ("analyse", "analyse", "analyse"),
     ("decompose", "decompose", "decompose"),
+    ("detect", "detect", "detect"),
     ("optics", "optics", "optics"),
     ("fuse", "fuse", "fuse"),
     ("report", "report", "report"),

@@ -24,6 +24,18 @@ class MethodName(StrEnum):
     h_a_alpha = "h-a-alpha"
     touzi = "touzi"
     kennaugh = "kennaugh"
+    zones = "zones"
+    wishart = "wishart"
+    whitening = "whitening"
+    signature = "signature"
+
+
+class FilterName(StrEnum):
+    """Speckle filters."""
+
+    boxcar = "boxcar"
+    refined_lee = "refined-lee"
+    nlm = "nlm"
 
 
 class ModelName(StrEnum):
@@ -39,7 +51,18 @@ def decompose(
     products: Annotated[Path, typer.Argument(help="Products file, calibrated or imported from PolSARpro.")],
     method: Annotated[MethodName, typer.Option("--method", "-m", help="What to compute.")],
     window: Annotated[
-        int | None, typer.Option(min=1, help="Odd width of the average, pixels (5; 1 for span, pauli, lexicographic).")
+        int | None,
+        typer.Option(
+            min=1,
+            help="Odd width of the average, pixels (5; 1 for span, pauli, lexicographic; refined-lee 7, nlm 15).",
+        ),
+    ] = None,
+    filter_: Annotated[
+        FilterName | None, typer.Option("--filter", help="How speckle is averaged: boxcar, refined-lee, nlm.")
+    ] = None,
+    filter_looks: Annotated[
+        float | None,
+        typer.Option(min=0.1, help="refined-lee, nlm: looks before the filter (1 of S2, else estimated)."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for planes as PolSARpro writes them, and pictures.")
@@ -48,20 +71,33 @@ def decompose(
     looks: Annotated[
         float | None, typer.Option(min=1.0, help="h-a-alpha: independent looks in an average (all pixels of it).")
     ] = None,
+    region: Annotated[
+        str | None,
+        typer.Option(help="signature: FROM_X,TO_X,FROM_Y,TO_Y, m (columns and rows of imported images); all of it."),
+    ] = None,
     json_: Json = False,
     debug: Debug = False,
 ) -> None:
     """Decompose a polarimetric image into what scatters: planes in the products file, pictures and PolSARpro files.
 
-    Example: polfuse decompose products.h5 --method freeman --window 5 -o freeman
+    Example: polfuse decompose products.h5 --method freeman --filter refined-lee --window 7 -o freeman
     """
+    place = None if region is None else _region(region)
     from polfuse_lab.products import decompose as stage
     from polfuse_lab.products.figures_decompose import draw_all
     from polfuse_lab.products.store import Products
 
     made = stage.decompose(
-        products, method.value, window=window, model=model.value, looks=looks, folder=output
-    )  # fmt: skip
+        products,
+        method.value,
+        window=window,
+        model=model.value,
+        looks=looks,
+        folder=output,
+        speckle_filter=filter_ and filter_.value,
+        filter_looks=filter_looks,
+        region=place,
+    )
     beside = products.parent if output is None else output
     figures = draw_all(Products(products), made.stage, beside / f"{products.stem}_{made.stage.split('_', 1)[1]}.png")
     files = [*made.files, *figures]
@@ -82,3 +118,13 @@ def decompose(
     lines += [f"figure:   {path}" for path in figures]
     lines += [f"planes:   {output} ({len(made.files)} files)"] if made.files else []
     result(values, as_json=json_, text="\n".join([*lines, f"products: {made.products}"]))
+
+
+def _region(text: str) -> tuple[float, float, float, float]:
+    try:
+        first_x, last_x, first_y, last_y = (float(part) for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not four numbers with commas", param_hint="--region") from None
+    if not (first_x <= last_x and first_y <= last_y):
+        raise typer.BadParameter("must be FROM_X,TO_X,FROM_Y,TO_Y, each from less to more", param_hint="--region")
+    return first_x, last_x, first_y, last_y

@@ -2,50 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.polsarpro import write_config, write_plane
+from polfuse_lab.products import decompose_classes
+from polfuse_lab.products.decompose_options import (
+    FILTERS,
+    Found,
+    Method,
+    Named,
+    Options,
+    Region,
+    averaged,
+    looks_before,
+)
 from polfuse_lab.products.polarimetric_image import PolarimetricImage, polarimetric_image
 from polfuse_lab.products.store import Products
 from processing.polarimetry import coherent, freeman, h_a_alpha, touzi, yamaguchi
-from processing.polarimetry.averaging import window_average
 from processing.polarimetry.entropy_bias import entropy_bias
 from processing.polarimetry.matrices import covariance_of_coherency, matrix_of_planes, total_power
 from processing.polarimetry.pauli import equivalent_dolp
 from processing.polarimetry.signatures import kennaugh_of_coherency
-
-Named = dict[str, NDArray[Any]]
-
-
-@dataclass(frozen=True)
-class Options:
-    """What a method may be told."""
-
-    window: int
-    """Width of the average, pixels."""
-    model: yamaguchi.Model
-    """Of Yamaguchi's decomposition."""
-    looks: float
-    """Independent looks in an average, for the bias of entropy."""
-
-
-@dataclass(frozen=True)
-class Method:
-    """A decomposition as the command knows it."""
-
-    what: str
-    compute: Callable[[PolarimetricImage, Options], Named]
-    window: int
-    """Of the average by default; 1 for methods that look at single pixels."""
-    coherent: bool = False
-    """Whether it takes no average."""
 
 
 @dataclass(frozen=True)
@@ -63,22 +45,17 @@ class DecomposeResult:
     """What a reader of the numbers should know, or empty."""
 
 
-def _average(image: PolarimetricImage, options: Options) -> NDArray[Any]:
-    planes = image.coherency()
-    return window_average(planes, options.window) if options.window > 1 else planes
-
-
 def _span(image: PolarimetricImage, options: Options) -> Named:
-    return {"span": total_power(_average(image, options))}
+    return {"span": total_power(averaged(image, options))}
 
 
 def _pauli(image: PolarimetricImage, options: Options) -> Named:
-    t = _average(image, options)
+    t = averaged(image, options)
     return {"odd_bounce": t[0], "even_bounce": t[5], "cross_polarized": t[8]}
 
 
 def _lexicographic(image: PolarimetricImage, options: Options) -> Named:
-    c = covariance_of_coherency(_average(image, options))
+    c = covariance_of_coherency(averaged(image, options))
     return {"hh": c[0], "hv2": c[5], "vv": c[8]}
 
 
@@ -100,16 +77,16 @@ def _two_by_two(image: PolarimetricImage) -> NDArray[np.complex128]:
 
 
 def _freeman(image: PolarimetricImage, options: Options) -> Named:
-    return dict(zip(freeman.COMPONENTS, freeman.freeman_durden(_average(image, options)), strict=True))
+    return dict(zip(freeman.COMPONENTS, freeman.freeman_durden(averaged(image, options)), strict=True))
 
 
 def _yamaguchi(image: PolarimetricImage, options: Options) -> Named:
-    powers = yamaguchi.yamaguchi(_average(image, options), options.model)
+    powers = yamaguchi.yamaguchi(averaged(image, options), options.model)
     return dict(zip(yamaguchi.COMPONENTS, powers, strict=True))
 
 
 def _h_a_alpha(image: PolarimetricImage, options: Options) -> Named:
-    found = dict(zip(h_a_alpha.PARAMETERS, h_a_alpha.h_a_alpha(_average(image, options)), strict=True))
+    found = dict(zip(h_a_alpha.PARAMETERS, h_a_alpha.h_a_alpha(averaged(image, options)), strict=True))
     values = np.stack([found["lambda1"], found["lambda2"], found["lambda3"]])
     for name in ("alpha", "alpha1"):
         found[f"{name}_deg"] = np.degrees(found.pop(name))
@@ -119,12 +96,12 @@ def _h_a_alpha(image: PolarimetricImage, options: Options) -> Named:
 
 
 def _touzi(image: PolarimetricImage, options: Options) -> Named:
-    found = touzi.touzi(_average(image, options))
+    found = touzi.touzi(averaged(image, options))
     return {f"{name}_deg": np.degrees(plane) for name, plane in zip(touzi.PARAMETERS, found, strict=True)}
 
 
 def _kennaugh(image: PolarimetricImage, options: Options) -> Named:
-    matrix = matrix_of_planes(_average(image, options))
+    matrix = matrix_of_planes(averaged(image, options))
     kennaugh = kennaugh_of_coherency(matrix)
     planes = {f"k{i}{j}": kennaugh[..., i, j] for i in range(4) for j in range(i, 4)}
     return {**planes, "dolp": equivalent_dolp(matrix)}
@@ -141,6 +118,10 @@ METHODS = {
     "h-a-alpha": Method("entropy, anisotropy, alpha (Cloude and Pottier)", _h_a_alpha, 5),
     "touzi": Method("scattering type, its phase, helicity, orientation", _touzi, 5),
     "kennaugh": Method("Kennaugh matrix and the DOLP that natural light would show", _kennaugh, 5),
+    "zones": Method("zones of entropy and alpha", decompose_classes.zones, 5),
+    "wishart": Method("Wishart classes, from the zones of entropy and alpha", decompose_classes.wishart, 5),
+    "whitening": Method("the intensity with the least speckle", decompose_classes.whitening, 9),
+    "signature": Method("co- and cross-polarized signature of a region", decompose_classes.signatures, 1),
 }
 """Every method by its name on the command line."""
 
@@ -160,6 +141,9 @@ def decompose(
     model: yamaguchi.Model = "rotated",
     looks: float | None = None,
     folder: Path | str | None = None,
+    speckle_filter: str | None = None,
+    filter_looks: float | None = None,
+    region: Region | None = None,
 ) -> DecomposeResult:
     """Decompose the image of stage "matrices" or "calibration".
 
@@ -174,28 +158,47 @@ def decompose(
         looks: independent looks in an average, for the bias of entropy; None: one for each pixel of the window, which
             is too many where pixels are correlated, so that the bias is then a lower bound.
         folder: also write the planes there, as PolSARpro does: ``.bin``, ``.bin.hdr``, ``config.txt``.
+        speckle_filter: one of :data:`~polfuse_lab.products.decompose_options.FILTERS`; None: boxcar.
+        filter_looks: looks of the image before the filter; None: 1 of scattering matrices, else estimated.
+        region: of the method "signature": first and last x, first and last y, m (columns and rows of an imported
+            image); None: the whole image.
 
     Raises:
-        PolfuseError: an unknown method, a window for a method that takes none, stages or channels that are missing, or
-            a folder that cannot be written.
-        DataError: an even window.
+        PolfuseError: an unknown method or filter, a window or filter for a method that takes none, stages or channels
+            that are missing, an empty region, or a folder that cannot be written.
+        DataError: a window that the filter cannot have, or looks that cannot be estimated.
     """
     if method not in METHODS:
         raise PolfuseError(
             f"there is no method {method!r}", where="decompose", advice=f"choose from {', '.join(METHODS)}"
         )
     known = METHODS[method]
-    width = known.window if window is None else window
-    if known.coherent and width != 1:
+    if speckle_filter is not None and speckle_filter not in FILTERS:
         raise PolfuseError(
-            f"{method} takes single scattering matrices, no average",
-            where="decompose",
-            advice="leave --window out, or take another method",
+            f"there is no filter {speckle_filter!r}", where="decompose", advice=f"choose from {', '.join(FILTERS)}"
         )
+    default = known.window if speckle_filter in (None, "boxcar") else FILTERS[str(speckle_filter)]
+    width = known.window if known.coherent or method == "signature" else default
+    width = width if window is None else window
+    if (known.coherent or method == "signature") and (width != 1 or speckle_filter is not None):
+        raise PolfuseError(
+            f"{method} takes {'the mean of a region' if method == 'signature' else 'single scattering matrices'}, "
+            "no average",
+            where="decompose",
+            advice="leave --window and --filter out, or take another method",
+        )
+    if region is not None and method != "signature":
+        raise PolfuseError(f"{method} takes the whole image", where="decompose", advice="leave --region out")
     products = Products(products_path)
     image = polarimetric_image(products)
-    options = Options(width, model, float(width**2 if looks is None else looks))
-    found = {name: np.asarray(plane, dtype=np.float32) for name, plane in known.compute(image, options).items()}
+    chosen = speckle_filter or "boxcar"
+    options = Options(width, model, float(width**2 if looks is None else looks), chosen, filter_looks, region)
+    if chosen != "boxcar" and width > 1:
+        options = replace(options, filter_looks=looks_before(image, options))
+    answer = known.compute(image, options)
+    answer = answer if isinstance(answer, Found) else Found(answer)
+    found = {name: np.asarray(plane, dtype=np.float32) for name, plane in answer.planes.items()}
+    axes = image.axes if answer.axes is None else answer.axes
     stage = f"decomposition_{method.replace('-', '_')}"
     settings = {
         "method": method,
@@ -203,12 +206,15 @@ def decompose(
         "matrix": image.matrix,
         "from": image.stage,
         "planes": list(found),
+        **({"filter": chosen, "filter_looks": options.filter_looks} if width > 1 else {}),
         **({"model": model} if method == "yamaguchi" else {}),
         **({"looks": options.looks} if method == "h-a-alpha" else {}),
         **({"classes": list(coherent.CLASSES)} if method == "cameron" else {}),
+        **answer.settings,
     }
-    units = {name: unit for name in found if (unit := _unit(name))} | dict.fromkeys(image.axes, "m")
-    products.write(stage, {**found, **image.axes}, settings=settings, inputs=[products.path], units=units)
+    units = {name: unit for name in found if (unit := _unit(name))}
+    units |= {name: "degrees" if name.endswith("_deg") else "m" for name in axes}
+    products.write(stage, {**found, **axes}, settings=settings, inputs=[products.path], units=units)
     files = () if folder is None else tuple(_write_planes(Path(folder), method, found))
     return DecomposeResult(
         products=products.path,
@@ -216,7 +222,7 @@ def decompose(
         window=width,
         planes={name: _statistics(plane) for name, plane in found.items()},
         files=files,
-        note=_note(method, found, options),
+        note=answer.note or _note(method, found, options),
     )
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from polfuse_lab.products import style
 from polfuse_lab.products.store import Products
 from processing.polarimetry.signatures import Signature
+from processing.polarimetry.zones import ALPHAS_DEG, ENTROPIES
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -39,13 +40,16 @@ SHOWN = {
     "touzi": ("alpha_s_deg", "phi_s_deg", "tau_deg", "psi_deg"),
     "kennaugh": ("k00", "dolp"),
     "cameron": ("symmetry_deg", "orientation_deg"),
+    "zones": ("entropy", "alpha_deg"),
+    "wishart": (),
 }
 """Planes in a picture, where not all are."""
-ZONES = (
-    ((0.0, 0.5), (42.5, 42.5)), ((0.0, 0.5), (47.5, 47.5)), ((0.5, 0.9), (40.0, 40.0)), ((0.5, 0.9), (50.0, 50.0)),
-    ((0.9, 1.0), (40.0, 40.0)), ((0.9, 1.0), (55.0, 55.0)), ((0.5, 0.5), (0.0, 90.0)), ((0.9, 0.9), (0.0, 90.0)),
-)  # fmt: skip
-"""Borders of the zones in the plane of entropy and alpha (degrees), as lines (Cloude and Pottier 1997)."""
+ZONES = tuple(
+    ((low, high), (alpha, alpha))
+    for low, high, alphas in zip((0.0, *ENTROPIES), (*ENTROPIES, 1.0), ALPHAS_DEG, strict=True)
+    for alpha in alphas
+) + tuple(((h, h), (0.0, 90.0)) for h in ENTROPIES)
+"""Borders of the zones in the plane of entropy and alpha (degrees), as lines."""
 ZONE_NAMES = (
     (0.25, 20, "surface"), (0.25, 45, "dipole"), (0.25, 68, "double\nbounce"), (0.7, 20, "rough\nsurface"),
     (0.7, 45, "vegetation"), (0.7, 68, "double bounce,\nbranches"), (0.95, 47.5, "volume"),
@@ -57,8 +61,10 @@ def draw_all(products: Products, stage: str, path: Path | str) -> list[Path]:
     """Draw the pictures of a stage "decomposition_...": ``path``, and ``_plane`` beside it for entropy and alpha."""
     path = Path(path)
     arrays, settings = products.read(stage), products.settings(stage)
+    if settings["method"] == "signature":
+        return [style.save(signature_figure(_signature(arrays), title=_region_words(settings)), path)]
     figures = {"": planes_figure(arrays, settings)}
-    if settings["method"] == "h-a-alpha" and np.isfinite(arrays["entropy"]).any():
+    if settings["method"] in ("h-a-alpha", "zones") and np.isfinite(arrays["entropy"]).any():
         figures["_plane"] = plane_figure(arrays)
     return [style.save(figure, path.with_name(f"{path.stem}{end}{path.suffix}")) for end, figure in figures.items()]
 
@@ -72,14 +78,15 @@ def planes_figure(arrays: Arrays, settings: dict[str, Any]) -> Figure:
     """
     method = str(settings["method"])
     names = [str(n) for n in SHOWN.get(method, settings["planes"])]
-    extra = method in COMPOSITES or method == "cameron"
+    extra = method in COMPOSITES or "classes" in settings
     count = len(names) + extra
     columns = 1 if count == 1 else 2
     lines = -(-count // columns)
-    rows, cols = arrays[names[0]].shape
+    rows, cols = arrays[str(settings["planes"][0])].shape
     aspect = _aspect(arrays, rows / cols)
-    width = 4.6 * columns
-    title = f"{method}, {settings['window']} x {settings['window']} average" if settings["window"] > 1 else method
+    width = 4.6 * columns if count > 1 or not extra else 7.0
+    kind = "average" if settings.get("filter", "boxcar") == "boxcar" else settings["filter"]
+    title = f"{method}, {settings['window']} x {settings['window']} {kind}" if settings["window"] > 1 else method
     figure = style.new_figure(width, 0.9 + lines * float(np.clip(3.3 * aspect + 0.3, 1.4, 6.0)), title=title)
     axes = list(figure.subplots(lines, columns, squeeze=False).ravel())
     for unused in axes[count:]:
@@ -88,7 +95,7 @@ def planes_figure(arrays: Arrays, settings: dict[str, Any]) -> Figure:
         red, green, blue = COMPOSITES[method]
         _show(axes[0], arrays, _composite(np.stack([arrays[n] for n in (red, green, blue)])))
         style.panel(axes[0], f"R {_words(red)}, G {_words(green)}, B {_words(blue)}")
-    elif method == "cameron":
+    elif "classes" in settings:
         _classes(figure, axes[0], arrays, [str(n) for n in settings["classes"]])
     top = _top([arrays[n] for n in names if not _scale(n)])
     for panel, name in zip(axes[extra:], names, strict=False):
@@ -149,7 +156,20 @@ def signature_figure(signature: Signature, *, title: str = "Polarimetric signatu
             yticks=[-45, 0, 45], zlabel="power over the largest", title=name,
         )  # fmt: skip
         axes.view_init(28, -60)
+        axes.set_box_aspect(None, zoom=0.86)
     return figure
+
+
+def _signature(arrays: Arrays) -> Signature:
+    orientation, ellipticity = (np.radians(arrays[f"{name}_deg"]) for name in ("orientation", "ellipticity"))
+    return Signature(orientation, ellipticity, arrays["co"], arrays["cross"])
+
+
+def _region_words(settings: dict[str, Any]) -> str:
+    if settings["region"] is None:
+        return f"Polarimetric signature, mean of all {settings['pixels']} pixels"
+    x0, x1, y0, y1 = settings["region"]
+    return f"Polarimetric signature, mean of {settings['pixels']} pixels: x {x0:g} to {x1:g}, y {y0:g} to {y1:g}"
 
 
 def _borders(points: int = 200) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
@@ -215,13 +235,15 @@ def _show(panel: Axes, arrays: Arrays, values: NDArray[Any], **options: Any) -> 
 
 
 def _classes(figure: Figure, panel: Axes, arrays: Arrays, names: list[str]) -> None:
-    colours = [style.UNDEFINED, *style.CLASS_COLOURS[:7], "#8B4513", "#999999", "#FFFFFF"][: len(names)]
+    colours = [style.UNDEFINED, *style.CLASS_COLOURS[:7], "#8B4513", "#FFFFFF", "#999999"][: len(names)]
     kinds = arrays["class"]
     extent: dict[str, Any] = {}
     if "x_m" in arrays:
         x, y = arrays["x_m"], arrays["y_m"]
         extent = {"extent": (x[0], x[-1], y[0], y[-1]), "origin": "lower"}
         style.metres(panel)
+    else:
+        panel.set_ylabel("row")
     panel.imshow(
         kinds, cmap=ListedColormap(colours), norm=BoundaryNorm(np.arange(len(names) + 1) - 0.5, len(names)),
         interpolation="nearest", **extent,
@@ -229,7 +251,13 @@ def _classes(figure: Figure, panel: Axes, arrays: Arrays, names: list[str]) -> N
     style.panel(panel, "class")
     present = [n for n in range(len(names)) if (kinds == n).any()]
     handles = [Patch(facecolor=colours[n], edgecolor="0.5", label=names[n]) for n in present]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize="small", frameon=False)
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=4 if figure.get_figwidth() > 8 else 3,
+        fontsize="small",
+        frameon=False,
+    )
 
 
 def _aspect(arrays: Arrays, of_pixels: float) -> float:

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, special
 
 from processing.errors import DataError
+from processing.polarimetry.matrices import Planes, as_planes
 from processing.polarimetry.pauli import Floats
 
 Kind = Literal["ca", "os"]
@@ -95,6 +96,22 @@ def cfar_reference(
     else:
         level = np.where(np.isnan(training), 0.0, training).sum(axis=-1) / np.maximum(counts, 1)
     return _over_threshold(values, np.where(counts > 0, level, np.nan), counts, false_alarm, looks, kind)
+
+
+def ring_average(planes: Planes, ring: Ring) -> Floats:
+    """Mean matrices of the rings, (9, rows, columns): clutter in which the pixel's own target has no part; compiled.
+
+    Pixels outside the image and with a NaN in any plane are left out; NaN where fewer than :data:`FEWEST` are left.
+
+    Raises:
+        DataError: planes of another shape.
+    """
+    given = as_planes(planes).astype(np.float64)
+    given[:, ~np.isfinite(given).all(axis=0)] = np.nan
+    made, counts = np.empty_like(given), np.empty(given.shape[1:], dtype=np.int64)
+    for plane, level in zip(given, made, strict=True):
+        _levels(plane, ring.outer // 2, ring.guard // 2, 0.0, level, counts)
+    return np.where(counts >= FEWEST, made, np.nan)
 
 
 @functools.lru_cache(maxsize=8192)

@@ -1,8 +1,8 @@
 """Intensities in which targets stand out of polarimetric clutter: whitening filter and matched filter.
 
 Both need the clutter's matrix S, (9, ...) planes that broadcast against the image's: of a region, or of each pixel's
-surroundings (:func:`processing.polarimetry.averaging.window_average`). Both give powers with the mean of 1 in clutter
-of that matrix, so that one threshold holds everywhere (:mod:`processing.polarimetry.detection.cfar`).
+surroundings (:func:`processing.polarimetry.detection.cfar.ring_average`). Both give powers with the mean of 1 in
+clutter of that matrix, so that one threshold holds everywhere (:mod:`processing.polarimetry.detection.cfar`).
 """
 
 from __future__ import annotations
