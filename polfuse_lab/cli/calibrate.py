@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from math import radians
 from pathlib import Path
@@ -106,6 +107,12 @@ def calibrate(
     ] = Mode.offset,
     search_radius_m: Annotated[float, typer.Option(min=0.01, help="How far from its place a peak may be, m.")] = 1.0,
     min_snr_db: Annotated[float, typer.Option(help="Least peak over background, dB.")] = 10.0,
+    near_field: Annotated[
+        bool,
+        typer.Option(
+            "--near-field", help="Expect what physical optics gives at the targets' distance, not closed forms."
+        ),
+    ] = False,
     json_: Json = False,
     debug: Debug = False,
 ) -> None:
@@ -162,6 +169,10 @@ def calibrate(
             fold_deg=check_fold_deg,
             height_m=check_height_m,
         )
+    if near_field:
+        stated = stated and replace(stated, near_field=True)
+        others = [replace(item, near_field=True) for item in others]
+        check_spec = check_spec and replace(check_spec, near_field=True)
     from polfuse_lab.products import calibrate as stage
 
     made = stage.calibrate(

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.products.calibration_inputs import SKY_WINDOW_CELLS, read_focused, sky_noise
-from polfuse_lab.products.store import Products, is_products
+from polfuse_lab.products.calibration_inputs import SKY_WINDOW_CELLS, is_products, read_focused, sky_noise
+from polfuse_lab.products.store import Products
 from processing.calibration.noise import noise_floor
 from processing.calibration.rcs import to_dbsm
 from processing.calibration.region_analysis import (
@@ -206,7 +206,7 @@ def sky_power(sky: Path | str, products: Products, channels: Sequence[str]) -> S
         PolfuseError: the sky lacks a channel, or cannot be read.
     """
     settings = products.settings("ranging")
-    if is_products(sky):
+    if is_products(Path(sky)):
         stage = Products(sky).read("ranging")
         profiles, range_m = stage["profiles"], stage["range_m"].astype(np.float64)
         known = [str(name) for name in Products(sky).settings("ranging")["channels"]]

@@ -61,6 +61,8 @@ class TargetSpec:
     """Standard deviation of the stated edge, m."""
     name: str = ""
     """What it is called in results; its kind where left out."""
+    near_field: bool = False
+    """Whether its response is expected as physical optics has it at its distance, and not as its closed form."""
 
     def __post_init__(self) -> None:
         numbers = (self.x_m, self.y_m, self.edge_m, self.azimuth_rad, self.elevation_rad, self.fold_rad)
@@ -136,6 +138,7 @@ class TargetSpec:
             "angle_sd_deg": float(np.degrees(self.angle_sd_rad)),
             "position_sd_m": self.position_sd_m,
             "edge_sd_m": self.edge_sd_m,
+            "near_field": self.near_field,
         }
 
 

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.calibration_inputs import FocusedImage, TargetSpec
 from processing.calibration.distortion import CHANNELS
+from processing.calibration.near_field import near_field
 from processing.calibration.offset import background_power, locate_target
 from processing.calibration.polarimetric import MeasuredTarget, ReferenceErrors
 from processing.calibration.rcs import to_dbsm
 from processing.calibration.target_checks import GOOD, Verdict, check_orientation
 from processing.errors import DataError
+from processing.scene.model import Reflector
 from processing.scene.radar_response import apparent_scattering
 
 Floats = NDArray[np.float64]
@@ -98,7 +100,10 @@ def expected_scattering(focused: FocusedImage, target: TargetSpec) -> Complexes:
     """
     reflector = target.reflector(focused.z_m)
     weights = focused.pulse_weights(np.asarray(reflector.position_m))
-    s = apparent_scattering(reflector, focused.antenna_m, focused.wavelength_m, weights)
+    if target.near_field:
+        s = _near(focused, reflector, weights)
+    else:
+        s = apparent_scattering(reflector, focused.antenna_m, focused.wavelength_m, weights)
     if not np.any(np.abs(s) ** 2 > 0):
         raise PolfuseError(
             f"a {target.kind} with azimuth {np.degrees(target.azimuth_rad):.1f} and elevation "
@@ -107,6 +112,19 @@ def expected_scattering(focused: FocusedImage, target: TargetSpec) -> Complexes:
             advice="check the stated angles (a trihedral's are measured from its edges: 45 and 35.3 on its axis)",
         )
     return np.asarray(s, dtype=np.complex128)
+
+
+def _near(focused: FocusedImage, reflector: Reflector, weights: Floats) -> Complexes:
+    """Apparent S[rx, tx] by physical optics at the antennas' true distances, lit by the pattern that was told."""
+    beamwidth = focused.settings.get("beamwidth_rad")
+    return near_field(
+        reflector,
+        focused.antenna_m,
+        focused.wavelength_m,
+        weights,
+        beamwidth_rad=None if beamwidth is None else float(beamwidth),
+        depression_rad=float(focused.settings.get("depression_rad", 0.0)),
+    ).near
 
 
 def by_channel(scattering: Complexes) -> dict[str, complex]:

@@ -99,7 +99,9 @@ def physical_optics_scattering(
     waves = np.asarray(wavelengths_m, dtype=np.float64)
     lengths = np.atleast_1d(waves)
     if lengths.ndim != 1 or not (np.isfinite(lengths).all() and (lengths > 0).all() and lengths.size):
-        raise DataError(f"the wavelength is {wavelengths_m}", "give one or more positive, finite wavelengths in metres")
+        raise DataError(
+            f"the wavelengths are {lengths.tolist()}", "give one or more positive, finite wavelengths in metres"
+        )
     if not (np.isfinite(step_wavelengths) and step_wavelengths > 0):
         raise DataError(f"the step of integration is {step_wavelengths} wavelengths", "give a positive step")
     step_m, wanted = step_wavelengths * float(lengths.min()), tuple(bounces)
@@ -201,7 +203,7 @@ def _rays(points: Floats, end: Floats) -> tuple[Floats, Floats, tuple[Floats, Fl
     return way, length, (fields[0], fields[1]), gain
 
 
-@numba.njit(cache=True, inline="never")  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, inline="never")
 def _ray(x: float, y: float, z: float, end: Floats, fields: Floats) -> tuple[float, float, float, float, float]:
     """Direction, length and relative amplitude from an antenna to a point; its two unit fields there."""
     sx, sy, sz = x - end[0, 0], y - end[0, 1], z - end[0, 2]
@@ -219,7 +221,7 @@ def _ray(x: float, y: float, z: float, end: Floats, fields: Floats) -> tuple[flo
     return sx, sy, sz, length, gain
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def radiation(
     points: Floats, weights: Floats, normal: Floats, unfold: Floats, out: Floats, back: Floats, wavenumber: float,
     spacing: float, total: Matrices,
