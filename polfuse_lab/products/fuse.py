@@ -30,7 +30,7 @@ from processing.fusion.separability import (
     jeffries_matusita,
     reed_xiaoli,
 )
-from processing.optics.stokes import debias
+from processing.optics.debias import debias
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 
 Floats = NDArray[np.float64]
@@ -212,10 +212,11 @@ def fuse(
 def _stokes_on_ground(optics: Mapping[str, NDArray[Any]], u: Floats, v: Floats) -> tuple[Floats, Floats]:
     """S0 and debiased DOLP at camera pixels: Stokes parameters are interpolated, never DOLP."""
     masked = ~np.isfinite(optics["dolp"])
-    planes = [np.where(masked, np.nan, optics[name]) for name in ("s0", "s1", "s2", "dolp_sd")]
+    planes = [np.where(masked, np.nan, optics[name]) for name in ("s0", "s1", "s2", "s0_sd")]
     s0, s1, s2, sd = (sample_bilinear(plane, u, v) for plane in planes)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return s0, debias(np.hypot(s1, s2), (sd * s0) ** 2) / s0
+        # Behind angles that are spread evenly, S1 and S2 have twice the variance of S0.
+        return s0, debias(np.hypot(s1, s2), 2 * sd**2) / s0
 
 
 def _geometry_errors(

@@ -115,7 +115,9 @@ def spread(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return touched
 
 
-def check_mosaic_image(image: NDArray[np.generic]) -> None:
-    """Raise :class:`DataError` for what is no image of even size."""
-    if image.ndim != 2 or image.shape[0] % 2 or image.shape[1] % 2 or 0 in image.shape:
-        raise DataError(f"a mosaic image has shape {image.shape}", "give rows and columns, both even")
+def check_mosaic_image(image: NDArray[np.generic], least: int = 2) -> None:
+    """Raise :class:`DataError` for what is no image of even size, or smaller than ``least``."""
+    if image.ndim != 2 or image.shape[0] % 2 or image.shape[1] % 2 or min(image.shape) < least:
+        raise DataError(
+            f"a mosaic image has shape {image.shape}", f"give rows and columns, both even and at least {least}"
+        )

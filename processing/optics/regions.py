@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import DataError
+from processing.optics.debias import polarization
 from processing.optics.series import PolarizerSeries
-from processing.optics.stokes import polarization
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import DataError
-from processing.optics.demosaic import SAMPLES_PER_PIXEL, demosaic
+from processing.optics.analyser_calibration import AnalyserCalibration
+from processing.optics.demosaic import SAMPLES_PER_PIXEL, demosaic_by, variance_share
+from processing.optics.flat import Corrections
 from processing.optics.mosaic import ANGLES_DEG, Mosaic, spread
 from processing.optics.series import PolarizerSeries, SensorNoise
+from processing.optics.shifts import Shift, registered
+from processing.optics.stokes import StokesImage, stokes_image
 
 SAME_ANGLE_RAD = 1e-4
 """Frames whose angles differ by less were taken at one setting of the polarizer (0.006 degrees)."""
@@ -36,6 +40,43 @@ class AveragedSeries:
     series: PolarizerSeries
     incomplete: bool
     """An angle of the plan has no complete frame."""
+    response: NDArray[np.float64] | None = None
+    """(rows, columns) what counts were divided by; None: nothing."""
+    share: NDArray[np.float64] | None = None
+    """(K, 2, 2) and ``common_share``: variance of interpolated planes over that of a sample; None: not interpolated."""
+    common_share: float = 0.0
+    shifts: tuple[Shift, ...] = ()
+    """Shift of each angle's image against the first one's; empty where it was not measured."""
+    shifted_back: tuple[bool, ...] = ()
+    """Whether it was undone."""
+
+    def stokes(self) -> StokesImage:
+        """Stokes parameters, DOLP and AOP with their errors."""
+        return stokes_image(
+            self.light,
+            self.saturated,
+            self.series,
+            incomplete=self.incomplete,
+            response=self.response,
+            share=self.share,
+            common_share=self.common_share,
+        )
+
+
+@dataclass(frozen=True)
+class Means:
+    """Mean counts above black of each setting of the polarizer, in ascending order of angle."""
+
+    angles_rad: tuple[float, ...]
+    angle_sd_rad: tuple[float, ...]
+    frames: tuple[int, ...]
+    light: NDArray[np.float32]
+    """(K, rows, columns)."""
+    saturated: NDArray[np.bool_]
+    """(rows, columns) saturated in any frame."""
+    dark_frames: int
+    incomplete: bool
+    """A setting has no complete frame."""
 
 
 class FrameStack:
@@ -108,6 +149,28 @@ class FrameStack:
         if not dark:
             self._saturated |= image >= self._saturation
 
+    def means(self, *, together: bool = False) -> Means:
+        """Mean counts above black of each angle, or of all frames ``together``.
+
+        The dark frames' mean is subtracted where there are any, else the black level; differences may be negative.
+
+        Raises:
+            DataError: no complete frame.
+        """
+        whole = sorted((group for group in self._angles if group.frames), key=lambda group: group.angle_rad)
+        light = self._light(whole, together=together)
+        assert self._saturated is not None
+        frames = tuple(group.frames for group in whole)
+        return Means(
+            tuple(group.angle_rad for group in whole),
+            tuple(group.sd_rad for group in whole),
+            (sum(frames),) if together else frames,
+            light,
+            self._saturated.copy(),
+            self._dark_frames,
+            len(whole) < len(self._angles),
+        )
+
     def averaged(
         self,
         *,
@@ -115,34 +178,46 @@ class FrameStack:
         extinction_ratio: float = math.inf,
         zero_sd_rad: float = 0.0,
         intensity_stability: float = 1e-3,
+        corrections: Corrections | None = None,
+        analysers: AnalyserCalibration | None = None,
+        register: str = "off",
     ) -> AveragedSeries:
         """Mean light of each angle, in ascending order of angle.
 
-        The dark frames' mean is subtracted where there are any, else the black level; differences may be negative.
+        Dark image, linearity, flat field, analysers and shifts are corrected in this order.
 
         Args:
             noise: noise of one pixel in one frame; rounding and shot noise at one electron a count when left out.
             extinction_ratio: of the polarizer.
             zero_sd_rad: standard deviation of the polarizer's zero mark, radians.
             intensity_stability: relative sd of light and exposure between angles.
+            corrections: linearity and flat field.
+            analysers: what the polarizer was found to be at each of these angles; takes the place of
+                ``extinction_ratio``.
+            register: ``"off"``; ``"auto"``: shifts between the images are measured, and undone where they are
+                significant (:meth:`processing.optics.shifts.Shift.significant`); ``"on"``: undone wherever measured.
 
         Raises:
             DataError: no complete frame, or angles that do not determine S0, S1 and S2.
         """
-        whole = sorted((group for group in self._angles if group.frames), key=lambda group: group.angle_rad)
-        light = self._light(whole)
-        assert self._saturated is not None
+        means = self.means()
         series = PolarizerSeries(
-            angles_rad=tuple(group.angle_rad for group in whole),
-            frames=tuple(group.frames for group in whole),
-            angle_sd_rad=tuple(group.sd_rad for group in whole),
-            extinction_ratio=extinction_ratio,
+            angles_rad=means.angles_rad,
+            frames=means.frames,
+            angle_sd_rad=means.angle_sd_rad,
+            extinction_ratio=extinction_ratio if analysers is None else math.inf,
             noise=noise or SensorNoise(),
-            dark_frames=self._dark_frames,
+            dark_frames=means.dark_frames,
             zero_sd_rad=zero_sd_rad,
             intensity_stability=intensity_stability,
         )
-        return AveragedSeries(light, self._saturated.copy(), series, len(whole) < len(self._angles))
+        light, response = (corrections or Corrections()).apply(means.light)
+        light, saturated, shifts, undone = registered(light, means.saturated, register)
+        if analysers is not None:
+            light = analysers.idealised(light)
+        return AveragedSeries(
+            light.astype(np.float32), saturated, series, means.incomplete, response, None, 0.0, shifts, undone
+        )
 
     def averaged_mosaic(
         self,
@@ -152,12 +227,14 @@ class FrameStack:
         extinction_ratio: float = math.inf,
         zero_sd_rad: float = 0.0,
         response_sd: float = 1e-3,
+        corrections: Corrections | None = None,
+        analysers: AnalyserCalibration | None = None,
+        method: str = "bilinear",
     ) -> AveragedSeries:
-        """Mean light behind each angle of a sensor with polarizers on its pixels, at full size (bilinear).
+        """Mean light behind each angle of a sensor with polarizers on its pixels, at full size.
 
         All frames are averaged, whatever their polarizer angle, then interpolated
-        (:func:`processing.optics.demosaic.demosaic`). A saturated pixel spoils its neighbours too. Per-pixel errors are
-        those of a pixel's own sample: an interpolated one, mean of two or four, is up to twice as good.
+        (:func:`processing.optics.demosaic.demosaic_by`). A saturated pixel spoils its neighbours too.
 
         Args:
             mosaic: polarizers on the pixels.
@@ -165,26 +242,35 @@ class FrameStack:
             extinction_ratio: of these polarizers.
             zero_sd_rad: standard deviation of the sensor's orientation, radians.
             response_sd: relative sd of the response of pixels behind one angle against that behind another.
+            corrections: linearity and flat field.
+            analysers: what the mosaic's polarizers were found to be; takes the place of ``extinction_ratio``.
+            method: of :data:`processing.optics.demosaic.METHODS`.
 
         Raises:
-            DataError: no complete frame, or an odd number of rows or columns.
+            DataError: no complete frame, an odd number of rows or columns, or an unknown method.
         """
-        whole = [group for group in self._angles if group.frames]
-        (mean,) = self._light(whole, together=True)
-        assert self._saturated is not None
-        frames = sum(group.frames for group in whole)
+        means = self.means(together=True)
+        (frames,) = means.frames
         series = PolarizerSeries(
             angles_rad=tuple(math.radians(angle) for angle in ANGLES_DEG),
             frames=(frames,) * len(ANGLES_DEG),
             angle_sd_rad=(0.0,) * len(ANGLES_DEG),
-            extinction_ratio=extinction_ratio,
+            extinction_ratio=extinction_ratio if analysers is None else math.inf,
             noise=noise or SensorNoise(),
-            dark_frames=self._dark_frames,
+            dark_frames=means.dark_frames,
             zero_sd_rad=zero_sd_rad,
             intensity_stability=response_sd,
             samples_per_pixel=SAMPLES_PER_PIXEL,
         )
-        return AveragedSeries(demosaic(mean, mosaic), spread(self._saturated), series, False)
+        light, response = (corrections or Corrections()).apply(means.light)
+        # A saturated pixel's counts are no light: methods that look further than a neighbour must not see them.
+        light[:, means.saturated] = np.nan
+        planes = demosaic_by(method, light[0], mosaic)
+        if analysers is not None:
+            planes = analysers.idealised(planes).astype(np.float32)
+        share, common = variance_share(method, mosaic)
+        saturated = spread(means.saturated)
+        return AveragedSeries(planes, saturated, series, False, response, share, common)
 
     @property
     def _dark_frames(self) -> int:

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from processing.errors import DataError
+from processing.optics.debias import ROUNDING, UNKNOWN_ANGLE_SD_RAD, WIDER, WIDER_UNTIL, polarization
 from processing.optics.series import PolarizerSeries
 
 Floats = NDArray[np.float64]
@@ -24,14 +25,11 @@ PLANES = ("s0", "s1", "s2", "s0_sd", "dolp", "dolp_raw", "dolp_sd", "aop", "aop_
 SHADOW_SNR = 10.0
 """S0 below this many of its standard deviations is shadow: DOLP's own sd would be some 0.14 there."""
 
+ABOVE_ONE_SDS = 3.0
+"""Debiased DOLP above 1 by more than this many of its sds is no noise. Masking all above 1 would bias means below 1."""
+
 AOP_SNR = 2.0
 """Polarized intensity below this many of its standard deviations has no direction."""
-
-_ROUNDING = 1e-12
-"""Polarized intensity below this part of S0 is rounding of float64, and has no direction."""
-
-UNKNOWN_ANGLE_SD_RAD = float(np.pi / np.sqrt(12.0))
-"""Standard deviation of an angle that is uniform modulo 180 degrees; no AOP is less well known."""
 
 
 class Flag(enum.IntFlag):
@@ -42,7 +40,7 @@ class Flag(enum.IntFlag):
     SHADOW = 2
     """S0 too low for its noise: DOLP and AOP are NaN."""
     ABOVE_ONE = 4
-    """Debiased DOLP above 1, which no light has: DOLP is NaN, the raw one is kept."""
+    """Debiased DOLP above 1 by more than noise explains, which no light has: DOLP is NaN, the raw one is kept."""
     UNPOLARIZED = 8
     """Polarized intensity lost in noise: AOP is NaN."""
     INCOMPLETE = 16
@@ -53,8 +51,9 @@ class Flag(enum.IntFlag):
 class StokesImage:
     """Stokes parameters (counts above black), DOLP and AOP (radians) of every pixel: float32 planes (rows, columns).
 
-    ``dolp`` is debiased, ``dolp_raw`` is not; ``*_sd`` are standard deviations from random noise. Undefined values are
-    NaN, with the reason in ``flags`` (:class:`Flag`).
+    ``dolp`` is debiased, ``dolp_raw`` is not; ``*_sd`` are standard deviations from random noise: ``dolp`` with 1.96 of
+    ``dolp_sd`` covers the truth in 95 % of the pixels or more, however weak the polarization. Undefined values are NaN,
+    with the reason in ``flags`` (:class:`Flag`).
     """
 
     s0: NDArray[np.floating]
@@ -80,69 +79,32 @@ class StokesImage:
         return float(np.median(defined)) if defined.size else float("nan")
 
 
-def debias(polarized: ArrayLike, variance: ArrayLike) -> Floats:
-    """Polarized intensity sqrt(S1^2 + S2^2) without the bias that noise gives it.
-
-    The modified asymptotic estimator (MAS) of Plaszczynski, Montier, Levrier and Tristram 2014, MNRAS 439, 4048:
-    ``p - b^2 (1 - exp(-p^2 / b^2)) / (2 p)``. It is continuous, never negative, and tends to ``p - b^2 / 2p``.
-
-    Args:
-        polarized: p, counts.
-        variance: b^2, the variance across the direction of (S1, S2), counts^2.
-    """
-    p, b2 = np.broadcast_arrays(np.asarray(polarized, dtype=np.float64), np.asarray(variance, dtype=np.float64))
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        less = np.where((b2 > 0) & (p > 0), -b2 * np.expm1(-p * p / b2) / (2 * p), 0.0)
-    estimate: Floats = p - np.where(np.isnan(b2), np.nan, less)
-    return estimate
-
-
-def polarization(stokes: ArrayLike, covariance: ArrayLike) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
-    """Degree and angle of linear polarization with their first-order errors (thesis 2.12, 2.14).
-
-    Args:
-        stokes: (..., 3) S0, S1, S2.
-        covariance: (..., 3, 3) their covariance.
-
-    Returns:
-        ``dolp`` (debiased), ``dolp_raw``, ``dolp_sd``, ``aop`` (radians, in (-pi/2, pi/2]), ``aop_sd`` (at most that of
-        an unknown angle), and the sd of the polarized intensity. Where S1 and S2 vanish (to rounding) the direction is
-        unknown: variances are means over directions and AOP is NaN. S0 = 0 gives NaN.
-    """
-    vector, c = np.asarray(stokes, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
-    s0, s1, s2 = vector[..., 0], vector[..., 1], vector[..., 2]
-    p = np.hypot(s1, s2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x, y = s1 / p, s2 / p
-        along = x * x * c[..., 1, 1] + y * y * c[..., 2, 2] + 2 * x * y * c[..., 1, 2]
-        across = y * y * c[..., 1, 1] + x * x * c[..., 2, 2] - 2 * x * y * c[..., 1, 2]
-        with_s0 = x * c[..., 0, 1] + y * c[..., 0, 2]
-        mean = (c[..., 1, 1] + c[..., 2, 2]) / 2
-        zero = p <= _ROUNDING * np.abs(s0)
-        along, across = np.where(zero, mean, along), np.where(zero, mean, across)
-        with_s0 = np.where(zero, 0.0, with_s0)
-        usable = np.where(s0 != 0, s0, np.nan)
-        raw = p / usable
-        sd = np.sqrt(np.maximum(along + raw * raw * c[..., 0, 0] - 2 * raw * with_s0, 0.0)) / np.abs(usable)
-        aop = 0.5 * np.arctan2(s2, s1)
-        aop = np.where(aop <= -np.pi / 2, np.pi / 2, aop)
-        aop = np.where(zero, np.nan, aop)
-        aop_sd = np.minimum(np.sqrt(np.maximum(across, 0.0)) / (2 * p), UNKNOWN_ANGLE_SD_RAD)
-    return debias(p, across) / usable, raw, sd, aop, aop_sd, np.sqrt(np.maximum(along, 0.0))
-
-
 def stokes_planes_reference(
-    light: NDArray[np.floating], saturated: NDArray[np.bool_], series: PolarizerSeries, *, incomplete: bool = False
+    light: NDArray[np.floating],
+    saturated: NDArray[np.bool_],
+    series: PolarizerSeries,
+    *,
+    incomplete: bool = False,
+    response: NDArray[np.floating] | None = None,
+    share: NDArray[np.floating] | None = None,
+    common_share: float = 0.0,
 ) -> tuple[Floats, NDArray[np.uint8]]:
     """Plain float64 definition of :func:`stokes_planes`; same arguments and results, in float64."""
-    _check(light, saturated, series)
+    response, share = _checked(light, saturated, series, response, share)
     solution = series.solution()
     images = np.moveaxis(np.asarray(light, dtype=np.float64), 0, -1)
     stokes = images @ solution.T
-    variance = series.noise.variance(images) / np.asarray(series.frames)
+    # Counts were divided by the response; in counts as read, noise is that of a pixel like all others.
+    variance = series.noise.variance(images * response[..., None]) / response[..., None] ** 2
+    rows, columns = saturated.shape
+    in_common = series.dark_variance / response**2
+    if common_share:
+        in_common = in_common + common_share * np.mean(variance / np.asarray(series.frames), axis=-1)
+    spread = np.tile(share, (1, rows // 2 + 1, columns // 2 + 1))[:, :rows, :columns]
+    variance = variance / np.asarray(series.frames) * np.moveaxis(spread, 0, -1)
     common = solution.sum(axis=1)
     covariance = np.einsum("ik,...k,jk->...ij", solution, variance, solution)
-    covariance = covariance + series.dark_variance * np.outer(common, common)
+    covariance = covariance + in_common[..., None, None] * np.outer(common, common)
     s0_sd = np.sqrt(covariance[..., 0, 0])
     dolp, raw, dolp_sd, aop, aop_sd, p_sd = polarization(stokes, covariance)
     p = np.hypot(stokes[..., 1], stokes[..., 2])
@@ -151,7 +113,7 @@ def stokes_planes_reference(
     lost = saturated | undefined
     shadow = ~lost & ~(stokes[..., 0] > SHADOW_SNR * s0_sd)
     dark = lost | shadow
-    above = ~dark & (dolp > 1)
+    above = ~dark & (dolp - ABOVE_ONE_SDS * dolp_sd > 1)
     unpolarized = ~dark & ~(p > AOP_SNR * p_sd)
     flags = np.zeros(saturated.shape, dtype=np.uint8)
     for where, flag in (
@@ -171,7 +133,14 @@ def stokes_planes_reference(
 
 
 def stokes_planes(
-    light: NDArray[np.floating], saturated: NDArray[np.bool_], series: PolarizerSeries, *, incomplete: bool = False
+    light: NDArray[np.floating],
+    saturated: NDArray[np.bool_],
+    series: PolarizerSeries,
+    *,
+    incomplete: bool = False,
+    response: NDArray[np.floating] | None = None,
+    share: NDArray[np.floating] | None = None,
+    common_share: float = 0.0,
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Stokes parameters, DOLP, AOP, their errors and flags of every pixel in one pass over memory.
 
@@ -180,6 +149,11 @@ def stokes_planes(
         saturated: (rows, columns) whether any frame reached the saturation level there.
         series: angles, frames, extinction and noise.
         incomplete: an angle of the plan has no usable frame (marks every pixel).
+        response: (rows, columns) what counts as read were divided by to give ``light`` (flat field); 1 when left out.
+        share: (K, 2, 2) variance of each angle's plane over that of one pixel's own sample, in the even and odd rows
+            and columns; less than 1 where the plane is interpolated
+            (:func:`processing.optics.demosaic.variance_share`). 1 when left out.
+        common_share: variance that all planes have in common over that of one pixel's own sample.
 
     Returns:
         Planes (9, rows, columns) float32 in the order of :data:`PLANES`, and flags (rows, columns) uint8
@@ -188,7 +162,7 @@ def stokes_planes(
     Raises:
         DataError: shapes that do not fit each other, or integer images (whose differences would wrap).
     """
-    _check(light, saturated, series)
+    response, share = _checked(light, saturated, series, response, share)
     planes = np.empty((len(PLANES), *saturated.shape), dtype=np.float32)
     flags = np.empty(saturated.shape, dtype=np.uint8)
     _kernel(
@@ -199,6 +173,9 @@ def stokes_planes(
         series.noise.floor,
         1.0 / series.noise.electrons_per_count,
         series.dark_variance,
+        response,
+        share,
+        common_share / len(light),
         incomplete,
         planes,
         flags,
@@ -207,19 +184,43 @@ def stokes_planes(
 
 
 def stokes_image(
-    light: NDArray[np.floating], saturated: NDArray[np.bool_], series: PolarizerSeries, *, incomplete: bool = False
+    light: NDArray[np.floating],
+    saturated: NDArray[np.bool_],
+    series: PolarizerSeries,
+    *,
+    incomplete: bool = False,
+    response: NDArray[np.floating] | None = None,
+    share: NDArray[np.floating] | None = None,
+    common_share: float = 0.0,
 ) -> StokesImage:
     """:func:`stokes_planes` with names."""
-    planes, flags = stokes_planes(light, saturated, series, incomplete=incomplete)
+    planes, flags = stokes_planes(
+        light, saturated, series, incomplete=incomplete, response=response, share=share, common_share=common_share
+    )
     return StokesImage(**dict(zip(PLANES, planes, strict=True)), flags=flags)
 
 
-def _check(light: NDArray[np.floating], saturated: NDArray[np.bool_], series: PolarizerSeries) -> None:
+def _checked(
+    light: NDArray[np.floating],
+    saturated: NDArray[np.bool_],
+    series: PolarizerSeries,
+    response: NDArray[np.floating] | None,
+    share: NDArray[np.floating] | None,
+) -> tuple[Floats, Floats]:
+    """Response and share as (rows, columns) and (K, 2, 2), after the shapes were found to fit."""
     if not np.issubdtype(light.dtype, np.floating):
         raise DataError(f"intensities are {light.dtype}", "convert them to float32: unsigned differences wrap round")
     expected = (len(series.angles_rad), *saturated.shape)
     if saturated.ndim != 2 or light.shape != expected:
         raise DataError(f"intensities have shape {light.shape}", f"give one image for each angle: {expected}")
+    # Always a view that cannot be written, so that the kernel is compiled for one type.
+    found = np.broadcast_to(np.asarray(1.0 if response is None else response, dtype=np.float64), saturated.shape)
+    if not np.all(found > 0):
+        raise DataError("a pixel's response is not positive", "mask dead pixels as saturated, with response 1")
+    shares = np.ones((len(light), 2, 2)) if share is None else np.asarray(share, dtype=np.float64)
+    if shares.shape != (len(light), 2, 2):
+        raise DataError(f"shares of variance have shape {shares.shape}", f"give ({len(light)}, 2, 2)")
+    return found, shares
 
 
 @numba.njit(cache=True, nogil=True)
@@ -231,6 +232,9 @@ def _kernel(
     floor: float,
     shot: float,
     dark_variance: float,
+    response: Floats,
+    share: Floats,
+    common_share: float,
     incomplete: bool,
     planes: NDArray[np.float32],
     flags: NDArray[np.uint8],
@@ -244,25 +248,29 @@ def _kernel(
         for column in range(columns):
             s0 = s1 = s2 = 0.0
             c00 = c11 = c22 = c01 = c02 = c12 = 0.0
+            gain = 1.0 / response[row, column]
+            common = dark_variance * gain * gain
             for k in range(count):
                 value = np.float64(light[k, row, column])
                 a0, a1, a2 = solution[0, k], solution[1, k], solution[2, k]
                 s0 += a0 * value
                 s1 += a1 * value
                 s2 += a2 * value
-                variance = (floor + max(value, 0.0) * shot) / frames[k]
+                variance = (floor * gain + max(value, 0.0) * shot) * gain / frames[k]
+                common += variance * common_share
+                variance *= share[k, row % 2, column % 2]
                 c00 += a0 * a0 * variance
                 c11 += a1 * a1 * variance
                 c22 += a2 * a2 * variance
                 c01 += a0 * a1 * variance
                 c02 += a0 * a2 * variance
                 c12 += a1 * a2 * variance
-            c00 += sums[0] * sums[0] * dark_variance
-            c11 += sums[1] * sums[1] * dark_variance
-            c22 += sums[2] * sums[2] * dark_variance
-            c01 += sums[0] * sums[1] * dark_variance
-            c02 += sums[0] * sums[2] * dark_variance
-            c12 += sums[1] * sums[2] * dark_variance
+            c00 += sums[0] * sums[0] * common
+            c11 += sums[1] * sums[1] * common
+            c22 += sums[2] * sums[2] * common
+            c01 += sums[0] * sums[1] * common
+            c02 += sums[0] * sums[2] * common
+            c12 += sums[1] * sums[2] * common
 
             flag = 16 if incomplete else 0
             lost = False
@@ -289,7 +297,7 @@ def _kernel(
                 flags[row, column] = flag | 2
                 continue
             p = np.sqrt(s1 * s1 + s2 * s2)
-            if p > _ROUNDING * s0:
+            if p > ROUNDING * s0:
                 x, y = s1 / p, s2 / p
                 along = x * x * c11 + y * y * c22 + 2 * x * y * c12
                 across = y * y * c11 + x * x * c22 - 2 * x * y * c12
@@ -299,13 +307,16 @@ def _kernel(
                 along = across = (c11 + c22) / 2
                 with_s0 = less = 0.0
             raw = p / s0
-            dolp = (p - less) / s0
-            if dolp > 1.0:
+            dolp = max(((p - less) * (1.0 - c00 / (s0 * s0)) + with_s0 / s0) / s0, 0.0)
+            dolp_sd = np.sqrt(max(along + raw * raw * c00 - 2 * raw * with_s0, 0.0)) / s0
+            if across > 0.0:
+                dolp_sd *= 1.0 + WIDER * np.exp(-p * p / (WIDER_UNTIL * across))
+            if dolp - ABOVE_ONE_SDS * dolp_sd > 1.0:
                 flag |= 4
                 dolp = np.nan
             planes[4, row, column] = dolp
             planes[5, row, column] = raw
-            planes[6, row, column] = np.sqrt(max(along + raw * raw * c00 - 2 * raw * with_s0, 0.0)) / s0
+            planes[6, row, column] = dolp_sd
             if p > AOP_SNR * np.sqrt(max(along, 0.0)):
                 aop = 0.5 * np.arctan2(s2, s1)
                 planes[7, row, column] = aop if aop > -np.pi / 2 else np.pi / 2

@@ -9,15 +9,13 @@ from hypothesis import strategies as st
 
 from processing.errors import DataError
 from processing.optics.analyser import measurement_matrix
+from processing.optics.debias import UNKNOWN_ANGLE_SD_RAD, debias, polarization
 from processing.optics.series import PolarizerSeries, SensorNoise
 from processing.optics.stokes import (
     AOP_SNR,
     PLANES,
     SHADOW_SNR,
-    UNKNOWN_ANGLE_SD_RAD,
     Flag,
-    debias,
-    polarization,
     stokes_image,
     stokes_planes,
     stokes_planes_reference,
@@ -72,12 +70,13 @@ def test_vertical_light_has_aop_plus_90_whatever_the_sign_of_zero() -> None:
 
 def test_noise_of_four_frames_has_its_closed_form() -> None:
     # Four angles, unpolarized S0: each intensity S0/2, variance v = read^2 + 1/12 + S0 / (2 g);
-    # S0 = sum / 2 so var(S0) = v; S1 = I0 - I90 so var(S1) = 2 v; DOLP 0 has sd sqrt(2 v) / S0.
+    # S0 = sum / 2 so var(S0) = v; S1 = I0 - I90 so var(S1) = 2 v; DOLP 0 has sd 1.7 sqrt(2 v) / S0:
+    # there a Rayleigh distribution's 95 % reach to 2.45 sqrt(2 v) / S0, debiased to 2.24, below 1.96 times 1.7.
     of = series(read=3.0, electrons=2.0)
     v = 9 + 1 / 12 + 10_000 / 4
     pixel = one((10_000.0, 0.0, 0.0), of)
     assert pixel["s0_sd"] == pytest.approx(math.sqrt(v), rel=1e-6)
-    assert pixel["dolp_sd"] == pytest.approx(math.sqrt(2 * v) / 10_000, rel=1e-6)
+    assert pixel["dolp_sd"] == pytest.approx(1.7 * math.sqrt(2 * v) / 10_000, rel=1e-6)
     # A dark image from n frames adds (read^2 + 1/12) / n to each intensity alike: S0 = sum / 2 gets 4 times that.
     dark = one((10_000.0, 0.0, 0.0), series(read=3.0, electrons=2.0, dark=5))
     assert dark["s0_sd"] == pytest.approx(math.sqrt(v + 4 * (9 + 1 / 12) / 5), rel=1e-6)
