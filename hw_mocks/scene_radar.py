@@ -23,6 +23,8 @@ from hw_mocks.loopback import HOST, MAX_LINE, Address, connect
 from hw_mocks.sound_card.stream_server import read_block
 
 FULL_SCALE = 32_768.0
+RECENT_BLOCKS = 256
+"""Blocks kept for whoever looks at the signal: 2.5 s of them."""
 
 
 @dataclass
@@ -69,7 +71,7 @@ class SceneRadar:
         self._forget()
 
     def _forget(self) -> None:
-        self._recent: deque[NDArray[np.int16]] = deque(maxlen=64)
+        self._recent: deque[NDArray[np.int16]] = deque(maxlen=RECENT_BLOCKS)
         self._request: _Request | None = None
         self._following: int | None = None
         self._origin = 0
@@ -270,21 +272,26 @@ class SceneRadar:
 
     def level(self) -> Level:
         """Peak and rms of both channels over the last tenth of a second, as fractions of full scale."""
-        with self._lock:
-            blocks = list(self._recent)
-        if not blocks:
+        block = self.newest(round(0.1 * self.sample_rate_hz))
+        if block is None:
             return Level()
-        recent = np.concatenate(blocks)[-round(0.1 * self.sample_rate_hz) :] / FULL_SCALE
+        recent = block.samples.astype(np.float64) / FULL_SCALE
         peak, rms = np.abs(recent).max(axis=0), np.sqrt(np.mean(recent**2, axis=0))
         return Level(peak=tuple(map(float, peak)), rms=tuple(map(float, rms)))
 
     def newest(self, frames: int) -> AudioBlock | None:
         """The newest samples, see :class:`drivers.contracts.OverheardRadar`."""
         with self._lock:
-            blocks, following, alive_ns = list(self._recent), self._following, self._alive_ns
-        if not blocks or following is None or frames <= 0:
+            blocks, missing = [], frames
+            for block in reversed(self._recent):
+                if missing <= 0:
+                    break
+                blocks.append(block[-missing:])
+                missing -= len(block)
+            following, alive_ns = self._following, self._alive_ns
+        if not blocks or following is None:
             return None
-        samples = np.concatenate(blocks)[-frames:]
+        samples = np.concatenate(blocks[::-1])
         rate = self.sample_rate_hz
         first = following - self._origin - len(samples)
         return AudioBlock(samples, rate, first, first / rate, alive_ns - round(len(samples) / rate * 1e9))

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from processing.fusion.kmeans import kmeans
+from processing.optics.binning import bin_frame
 from processing.optics.series import PolarizerSeries, SensorNoise
 from processing.optics.stokes import stokes_planes
 from processing.radar.profiles import RangeProfiles
@@ -48,6 +49,8 @@ def warm_up() -> None:
     )
     for sample in (np.float32, np.float64):
         stokes_planes(np.full((4, 4, 4), 100.0, dtype=sample), np.zeros((4, 4), dtype=bool), series)
+    for counts in (np.uint8, np.uint16):
+        bin_frame(np.ones((4, 4), dtype=counts), 2, 255)
     kmeans(np.arange(24.0).reshape(8, 3), 2)
     best_path(np.ones((4, 8)), np.array([-1.0, 0.0, 1.0]))
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 import time
 from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
 
 from drivers.errors import DeviceError
 from drivers.radar.health import Severity
@@ -45,17 +48,14 @@ def examine_device(rig: Rig, kind: str, path: Path) -> Finding:
     try:
         device = make_device(rig, kind, path, Prompts())
     except PolfuseError as error:
-        return Finding(section.driver, kind, False, error.what, error.advice)
+        return failed(kind, section.driver, error)
     devices = DeviceSet(control, {kind: device})
     try:
         if device.by_hand:
             return Finding(device.driver, kind, True, "operated by hand", "")
         return _examine_open(rig, device, devices)
-    except (DeviceError, PolfuseError) as error:
-        return Finding(device.driver, kind, False, error.what, error.advice)
     except Exception as error:
-        failure = open_failure(kind, device.driver, error)
-        return Finding(device.driver, kind, False, failure.what, failure.advice)
+        return failed(kind, device.driver, error)
     finally:
         devices.make_safe()
         devices.close_all()
@@ -65,8 +65,7 @@ def _examine_open(rig: Rig, device: Device, devices: DeviceSet) -> Finding:
     opening = device.lane.submit(device.open)
     devices.control.wait_for(opening, OPEN_S, "open", f"{device.kind} ({device.driver})")
     opening.result()
-    assert device.identity is not None
-    detail = " ".join(part for part in (device.identity.name, device.identity.detail) if part)
+    detail = who_answered(device)
     if device.kind == "radar":
         return _listen(rig, device, detail, devices)
     return Finding(device.driver, device.kind, True, detail, "")
@@ -83,13 +82,38 @@ def _listen(rig: Rig, device: Device, detail: str, devices: DeviceSet) -> Findin
             what = f"{detail}: no samples within {PATIENCE_S:g} s"
             return Finding(device.driver, device.kind, False, what, CHECK)
         devices.control.slice()
-    health = signal_health(rig, block.samples, block.sample_rate_hz)
+    return judged(rig, device.driver, detail, block.samples, block.sample_rate_hz)
+
+
+def failed(kind: str, driver: str, error: Exception) -> Finding:
+    """What is said of a device that cannot be used."""
+    told = error if isinstance(error, DeviceError | PolfuseError) else open_failure(kind, driver, error)
+    return Finding(driver, kind, False, told.what, told.advice)
+
+
+def who_answered(device: Device) -> str:
+    """Name and details of an open device."""
+    assert device.identity is not None
+    return " ".join(part for part in (device.identity.name, device.identity.detail) if part)
+
+
+def judged(rig: Rig, driver: str, detail: str, samples: NDArray[Any], sample_rate_hz: float) -> Finding:
+    """What is said of a radar by a piece of its signal.
+
+    Args:
+        rig: the rig, for its waveform.
+        driver: name of the radar's driver.
+        detail: who answered.
+        samples: (frames, 2), about :data:`LISTEN_S` of them.
+        sample_rate_hz: sample rate, Hz.
+    """
+    health = signal_health(rig, samples, sample_rate_hz)
     if health.error is not None:
-        return Finding(device.driver, device.kind, False, f"{detail}: {health.error.sentence}", health.error.advice)
-    problem = sync_problem(rig, block.samples, block.sample_rate_hz)
+        return Finding(driver, "radar", False, f"{detail}: {health.error.sentence}", health.error.advice)
+    problem = sync_problem(rig, samples, sample_rate_hz)
     if problem is not None:
-        return Finding(device.driver, device.kind, False, f"{detail}: {problem}", problem.partition("; ")[2] or CHECK)
+        return Finding(driver, "radar", False, f"{detail}: {problem}", problem.partition("; ")[2] or CHECK)
     detail += ", sync found"
     sentences = [finding.sentence for finding in health.findings]
     advice = [finding.advice for finding in health.findings if finding.severity >= Severity.WARNING]
-    return Finding(device.driver, device.kind, True, "; ".join([detail, *sentences]), "; ".join(advice))
+    return Finding(driver, "radar", True, "; ".join([detail, *sentences]), "; ".join(advice))

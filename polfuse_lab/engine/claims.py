@@ -21,7 +21,10 @@ def claims(rig: Rig) -> list[str]:
         section = rig.section(kind)
         if section is None or section.driver == BY_HAND:
             continue
-        places = [f"{name}={section.options[name]}" for name in PLACES if section.options.get(name)]
+        # An address may end with a token, which is nobody's business.
+        places = [
+            f"{name}={str(section.options[name]).partition('?')[0]}" for name in PLACES if section.options.get(name)
+        ]
         # Where nothing is said, it is the driver's only (or first) device.
         found.append(f"{kind}: {section.driver} {' '.join(places)}".strip())
     return found
@@ -52,4 +55,7 @@ def refuse_held(rig: Rig, *, mode: str | None = None) -> None:
         what, advice = f"set-up mode of '{other.rig_name}'", "close set-up mode, or begin the collect from there"
     else:
         what, advice = f"the collect of {other.output}", "wait until it has ended, or abort it"
-    raise PolfuseError(f"is in use by {what} (process {other.pid})", where=shared[0], advice=advice)
+    kind, _, driver = shared[0].partition(": ")
+    raise PolfuseError(
+        f"is in use by {what} (process {other.pid})", where=f"{kind} ({driver.partition(' ')[0]})", advice=advice
+    )
