@@ -17,9 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from processing.errors import DataError
 
-TABLE_STEPS = 1024
-"""Intervals per sample of the kernels' tables; linear interpolation between entries errs by less than -125 dB."""
-
 
 @dataclass(frozen=True)
 class Kernel:
@@ -69,10 +66,6 @@ class Kernel:
         small = np.abs(under) < 1e-6
         value = np.where(small, 1.0, np.sinh(under) / np.where(small, 1.0, under))
         return np.asarray(self.taps * value.real / np.i0(self.shape))
-
-    def table(self) -> NDArray[np.float32]:
-        """Weights on ``TABLE_STEPS + 1`` equidistant fractions, (TABLE_STEPS + 1, taps) float32."""
-        return self.weights(np.arange(TABLE_STEPS + 1) / TABLE_STEPS).astype(np.float32)
 
 
 def places(at: NDArray[np.float64], kernel: Kernel, length: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

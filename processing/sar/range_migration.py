@@ -16,7 +16,6 @@ which it is seen, and no others. Algorithm: Cafforio, Prati, Rocca 1991; Carrara
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
@@ -24,11 +23,9 @@ from numba import get_num_threads
 from numpy.typing import NDArray
 
 from processing.errors import DataError
-from processing.radar.antenna import AntennaPair, pattern_exponent
+from processing.radar.antenna import pattern_exponent
 from processing.radar.profiles import RangeProfiles
-from processing.sar.aperture import Pulses, usable_pulses
-from processing.sar.continuous import sweep_motion
-from processing.sar.grid import ImageGrid, check_grid
+from processing.sar.grid import ImageGrid
 from processing.sar.gridding import places
 from processing.sar.range_migration_kernel import read_columns, read_rows, spread_track
 from processing.sar.range_migration_plan import (
@@ -38,14 +35,9 @@ from processing.sar.range_migration_plan import (
     MigrationPlan,
     plan_migration,
 )
+from processing.sar.range_migration_task import Task, prepare
 from processing.sar.stolt import FILTERS, Filter, stolt
-from processing.sar.straight_track import Track, ahead_cosine, pattern_sum, straight_track
-
-RANGE_MARGIN = 12
-"""Resolution cells of range that are kept beyond the grid's; two thirds of them roll off."""
-
-FLAT_MARGIN = 4
-"""Of these, those next to the grid's that are kept whole."""
+from processing.sar.straight_track import ahead_cosine, pattern_sum
 
 DIRECT_WORTH = 1.5
 """How much longer than one with a kernel's reading a transform along x may be that needs none."""
@@ -83,7 +75,7 @@ def range_migration(
     """
     if taps not in FILTERS:
         raise DataError(f"there is no Stolt filter called {taps!r}", f"choose one of {', '.join(FILTERS)}")
-    task = _prepare(profiles, grid, weights)
+    task = prepare(profiles, grid, weights)
     exponent = 0.0 if beamwidth_rad is None else pattern_exponent(beamwidth_rad)
     plan = plan_migration(task.profiles, task.track, grid, FILTERS[taps], exponent)
     tilt = ahead_cosine(task.track, grid, depression_rad) ** exponent
@@ -102,80 +94,7 @@ def range_migration(
     return image
 
 
-@dataclass(frozen=True)
-class _Task:
-    """What is left to do after checks and cropping."""
-
-    profiles: RangeProfiles
-    pulses: Pulses
-    track: Track
-    roll: NDArray[np.float64]
-    """(bins,) roll-off at the ends of the ranges."""
-    outside: NDArray[np.bool_] | None
-    """(ny, nx) pixels that are off the range axis for any pulse; None where there are none."""
-
-
-def _prepare(profiles: RangeProfiles, grid: ImageGrid, weights: NDArray[np.floating] | None) -> _Task:
-    """Checks; what the method does not model is refused, not focused wrongly."""
-    advice = "focus by back-projection"
-    if not isinstance(grid, ImageGrid):
-        raise DataError("range migration forms images on a plane, in x and y", advice)
-    check_grid(grid)
-    pulses = usable_pulses(profiles, weights)
-    if profiles.start_m is not None and np.any(np.asarray(profiles.start_m) != 0):
-        raise DataError("positions have first ranges of their own, which range migration does not take", advice)
-    if profiles.pairs is not None and any(pair != AntennaPair() for pair in profiles.pairs):
-        raise DataError("transmitting and receiving antennas stand apart, which range migration does not model", advice)
-    moving = sweep_motion(profiles)
-    if moving.modelled:
-        raise DataError(f"{moving.reason}, which range migration does not model", advice)
-    if not np.isfinite(pulses.values).all():
-        raise DataError("profiles hold single NaN samples", f"{advice}, which keeps them local")
-    track = straight_track(pulses.antenna_m, profiles.wavelength_m)
-    if np.min(grid.y_m) <= track.y_m:
-        raise DataError(
-            f"the image grid begins at y = {np.min(grid.y_m):g} m, not in front of the rail (y = {track.y_m:g} m)",
-            "form the image in front of the rail",
-        )
-    outside, nearest, furthest = _ranges(profiles, track, grid)
-    margin = RANGE_MARGIN * profiles.resolution_m
-    beyond = np.maximum(nearest - profiles.range_m, profiles.range_m - furthest) / margin
-    kept = np.flatnonzero(beyond < 1)
-    if kept.size < 2:
-        raise DataError(
-            f"the image's ranges, {nearest:.3g} to {furthest:.3g} m, are outside the profiles, "
-            f"{profiles.range_m[0]:.3g} to {profiles.range_m[-1]:.3g} m",
-            "form the image where there are profiles",
-        )
-    some = slice(int(kept[0]), int(kept[-1]) + 1)
-    # Beyond what the grid needs profiles roll off smoothly, so that cutting leaves nothing off the band.
-    flat = FLAT_MARGIN / RANGE_MARGIN
-    roll = 0.5 + 0.5 * np.cos(np.pi * np.clip((beyond[some] - flat) / (1 - flat), 0, 1))
-    cropped = replace(profiles, range_m=profiles.range_m[some], values=profiles.values[..., some])
-    return _Task(cropped, replace(pulses, values=pulses.values[..., some]), track, roll, outside)
-
-
-def _ranges(profiles: RangeProfiles, track: Track, grid: ImageGrid) -> tuple[NDArray[np.bool_] | None, float, float]:
-    """Pixels that are off the range axis for any pulse (as back-projection with eight taps has it), and the ranges.
-
-    Of a straight rail the nearest position and the further end have the shortest and the longest distance.
-    """
-    lowest = profiles.range_m[0] + 3 * profiles.range_step_m
-    highest = profiles.range_m[-1] - 4 * profiles.range_step_m
-    x = np.sort(track.x_m)
-    after = np.clip(np.searchsorted(x, grid.x_m), 1, max(len(x) - 1, 1))
-    beside = np.minimum(np.abs(grid.x_m - x[after - 1]), np.abs(grid.x_m - x[np.minimum(after, len(x) - 1)]))
-    end = np.maximum(np.abs(grid.x_m - x[0]), np.abs(grid.x_m - x[-1]))
-    slant = np.hypot(grid.y_m - track.y_m, grid.z_m - track.z_m)
-    nearest = math.hypot(float(slant.min()), float(beside.min()))
-    furthest = math.hypot(float(slant.max()), float(end.max()))
-    if nearest >= lowest and furthest < highest:
-        return None, nearest, furthest
-    near, far = np.hypot(slant[:, None], beside), np.hypot(slant[:, None], end)
-    return (near < lowest) | (far >= highest), nearest, furthest
-
-
-def _lines(task: _Task, plan: MigrationPlan, taps: Filter, channel: int) -> NDArray[np.complex64]:
+def _lines(task: Task, plan: MigrationPlan, taps: Filter, channel: int) -> NDArray[np.complex64]:
     """(samples across the rail, lines) of one channel: spectrum, Stolt interpolation, and back to distance."""
     workers = get_num_threads()
     values = task.pulses.values[channel]
@@ -214,7 +133,7 @@ def _lines(task: _Task, plan: MigrationPlan, taps: Filter, channel: int) -> NDAr
 def _form(
     lines: NDArray[np.complex64],
     plan: MigrationPlan,
-    task: _Task,
+    task: Task,
     grid: ImageGrid,
     scale: NDArray[np.float64],
     out: NDArray[np.complex64],
@@ -228,7 +147,7 @@ def _form(
     size = (cell * scale * np.sqrt(plan.slant)).astype(np.float32)
     index = np.arange(plan.lines)
     undone = 1 / TRACK_KERNEL.response((index - plan.middle_line) / plan.track_length)
-    second = _second_term(mapping.along, mapping.centre, mapping.exponent)
+    second = second_term(mapping.along, mapping.centre, mapping.exponent)
     limits = edges.limits
     x = grid.x_m - task.track.middle_m
     rows = len(plan.slant)
@@ -253,16 +172,16 @@ def _form(
         phase = math.pi / 4 + plan.along_step * (index - middle) * x[0]
         fine = np.empty((some.stop - begin, length), dtype=np.complex64)
         read_rows(
-            lines, first[some], weights[some].astype(np.float32), offset[some], plan.slant[some], size[some],
+            lines.view(np.float32), first[some], weights[some].astype(np.float32), offset[some], plan.slant[some], size[some],
             plan.across_middle, phase, second, factor.astype(np.float32), limits[:, some], mapping.along[0],
-            plan.along_step, middle, fine,
+            plan.along_step, middle, fine.view(np.float32),
         )  # fmt: skip
         wide = scipy.fft.ifft(fine, axis=1, norm="forward", overwrite_x=True, workers=get_num_threads())
         carrier = np.exp(1j * mapping.along[middle] * x).astype(np.complex64)
         read_columns(wide, column, read.astype(np.float32), carrier, out[some])
 
 
-def _second_term(along: NDArray[np.float64], centre: float, exponent: float) -> NDArray[np.float64]:
+def second_term(along: NDArray[np.float64], centre: float, exponent: float) -> NDArray[np.float64]:
     """(lines,) ``a / k_rho``, the next term of the transform's expansion for a pattern ``cos^n``.
 
     With R = rho cosh t the integral over the rail is ``int cosh^m(s + t0) exp(j z cosh s) ds``, m = 1 - n, z = k_rho

@@ -47,7 +47,8 @@ def read_rows(
     """Read lines at the image's rows, turn them by their carrier, and roll them off beyond what each row needs.
 
     Args:
-        fine: (samples, lines) complex64 lines across the rail, without their carrier.
+        fine: (samples, 2 lines) float32, real and imaginary parts in turn: lines across the rail, without their
+            carrier.
         first: (rows,) first sample of each row.
         weights: (rows, taps) float32.
         offset: (rows,) distance from the middle, m.
@@ -62,52 +63,63 @@ def read_rows(
         along_first: k_x of the first line.
         along_step: from line to line.
         middle: line that comes to the first place of ``out``.
-        out: (rows, length) complex64; lines stand around 0, periodically, added where they share a place.
+        out: (rows, 2 length) float32 likewise; lines stand around 0, periodically, added where they share a place.
     """
-    samples, lines = fine.shape
-    length = out.shape[1]
+    samples = fine.shape[0]
+    lines = fine.shape[1] // 2
+    length = out.shape[1] // 2
     taps = weights.shape[1]
     turn = 1 / (2 * math.pi)
     for row in prange(out.shape[0]):
-        for place in range(length):
-            out[row, place] = 0.0
+        for place in range(2 * length):
+            out[row, place] = np.float32(0)
         low = max(0, math.ceil((limits[0, row] - along_first) / along_step))
         high = min(lines, math.floor((limits[3, row] - along_first) / along_step) + 1)
-        read = np.zeros(lines, dtype=np.complex64)
-        roll = np.empty(lines, dtype=np.float32)
+        count = high - low
+        # Real and imaginary parts alternate; loops from 0 over plain numbers become vectors.
+        read = np.zeros(2 * count, dtype=np.float32)
+        roll = np.empty(count, dtype=np.float32)
+        turns = np.empty(count, dtype=np.float64)
         for tap in range(taps):
-            sample = (first[row] + tap) % samples
             weight = weights[row, tap]
-            for line in range(low, high):
-                read[line] += weight * fine[sample, line]
-        for line in range(low, high):
-            roll[line] = size[row] * factor[line]
-        for line in range(low, high):
-            along = along_first + along_step * line
+            source = fine[(first[row] + tap) % samples, 2 * low : 2 * high]
+            for i in range(2 * count):
+                read[i] += weight * source[i]
+        factors = factor[low:high]
+        for i in range(count):
+            roll[i] = size[row] * factors[i]
+        for i in range(count):
+            along = along_first + along_step * (low + i)
             if along >= limits[1, row]:
                 break
             part = max(along - limits[0, row], 0.0) / (limits[1, row] - limits[0, row])
-            roll[line] *= np.float32(0.5 - 0.5 * math.cos(math.pi * part))
-        for line in range(high - 1, low - 1, -1):
-            along = along_first + along_step * line
+            roll[i] *= np.float32(part * part * part * (10.0 - 15.0 * part + 6.0 * part * part))
+        for i in range(count - 1, -1, -1):
+            along = along_first + along_step * (low + i)
             if along <= limits[2, row]:
                 break
             part = max(limits[3, row] - along, 0.0) / (limits[3, row] - limits[2, row])
-            roll[line] *= np.float32(0.5 - 0.5 * math.cos(math.pi * part))
+            roll[i] *= np.float32(part * part * part * (10.0 - 15.0 * part + 6.0 * part * part))
         distance = offset[row] * turn
         nearness = turn / slant[row]
-        for line in range(low, high):
-            c, s = _phasor(across[line] * distance + phase[line] * turn + second[line] * nearness)
-            re = roll[line] * read[line].real
-            im = roll[line] * read[line].imag
-            read[line] = complex(re * c - im * s, re * s + im * c)
+        carriers, phases, seconds = across[low:high], phase[low:high], second[low:high]
+        for i in range(count):
+            turns[i] = carriers[i] * distance + phases[i] * turn + seconds[i] * nearness
+        for i in range(count):
+            c, s = _phasor(turns[i])
+            re = roll[i] * read[2 * i]
+            im = roll[i] * read[2 * i + 1]
+            read[2 * i] = re * c - im * s
+            read[2 * i + 1] = re * s + im * c
         begin = low
         while begin < high:
             # Stretches that are whole in the output, whose places need no remainder.
             shift = (begin - middle) % length - begin
             end = min(high, length - shift)
-            for line in range(begin, end):
-                out[row, line + shift] += read[line]
+            target = out[row, 2 * (begin + shift) : 2 * (end + shift)]
+            part_of = read[2 * (begin - low) : 2 * (end - low)]
+            for i in range(2 * (end - begin)):
+                target[i] += part_of[i]
             begin = end
 
 

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S, RangeProfiles
 from processing.sar.grid import ImageGrid
 from processing.sar.gridding import Kernel
-from processing.sar.stolt import Filter, Mapping
+from processing.sar.stolt import Filter, Mapping, smooth_step
 from processing.sar.straight_track import Track
 
-BAND_MARGIN = 1.3
+BAND_MARGIN = 1.4
 """Width of the band that is kept, as a multiple of the ramp's: cropping spreads it a little."""
 
-FRESNEL_ZONES = 5.0
+FRESNEL_ZONES = 7.0
 """Width of the taper beyond the angles that the image needs, in Fresnel zones of the edge."""
 
 TRACK_KERNEL = Kernel(6, 1.5)
@@ -46,7 +46,7 @@ class Edges:
         return np.stack([self.outer_low, self.inner_low, self.inner_high, self.outer_high])
 
     def taper(self, row: int, along: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(lines,) raised cosine."""
+        """(lines,) the roll-off of one row."""
         low, high = (
             np.clip((along - outer) / (inner - outer), 0, 1)
             for outer, inner in (
@@ -54,7 +54,7 @@ class Edges:
                 (self.outer_high[row], self.inner_high[row]),
             )
         )
-        return np.asarray((0.5 - 0.5 * np.cos(np.pi * low)) * (0.5 - 0.5 * np.cos(np.pi * high)))
+        return np.asarray(smooth_step(low) * smooth_step(high))
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,14 @@ from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
 from processing.sar.factorized_kernel import _phasor
-from processing.sar.gridding import TABLE_STEPS, Kernel
+from processing.sar.gridding import Kernel
 from processing.sar.interpolation import sinc_weights
 
 _MATH = {"contract", "reassoc", "nsz", "arcp"}
-CHUNK = 32
+TABLE_STEPS = 8192
+"""Intervals per sample of the table of weights, of which the nearest entry is taken: within -90 dB."""
+
+CHUNK = 64
 """Lines that a thread takes at a time."""
 
 
@@ -111,6 +114,11 @@ class Mapping:
     """Of the antennas' amplitude pattern, ``cos^n``."""
 
 
+def smooth_step(part: NDArray[np.float64]) -> NDArray[np.float64]:
+    """From 0 to 1 over ``part`` from 0 to 1, with two steady derivatives: 10 t^3 - 15 t^4 + 6 t^5."""
+    return np.asarray(part**3 * (10 - 15 * part + 6 * part**2))
+
+
 def stolt(spectrum: NDArray[np.complex64], mapping: Mapping, taps: Filter) -> NDArray[np.complex64]:
     """Resample each line of a spectrum from k to ``sqrt(k^2 - k_x^2)``; compiled, lines shared among threads.
 
@@ -152,7 +160,7 @@ def stolt_reference(spectrum: NDArray[np.complexfloating], mapping: Mapping, tap
         value = (spectrum[:, line][bins] * taps.weights(place - whole)).sum(axis=1)
         phase = mapping.middle_m * across - mapping.bulk_m * (k - mapping.centre)
         edge = np.clip((across / k - mapping.outer_cosine) / (mapping.inner_cosine - mapping.outer_cosine), 0, 1)
-        amplitude = np.sqrt(2 * np.pi / across) * (across / k) ** mapping.exponent * (0.5 - 0.5 * np.cos(np.pi * edge))
+        amplitude = np.sqrt(2 * np.pi / across) * (across / k) ** mapping.exponent * smooth_step(edge)
         out[inside, line] = value * amplitude * np.exp(1j * phase)
     return out
 
@@ -167,32 +175,47 @@ def _stolt(
     taps = table.shape[1]
     half = taps // 2
     turn = 1 / (2 * math.pi)
+    steep = 1 / (inner - outer)
     for chunk in prange((lines + CHUNK - 1) // CHUNK):
-        for line in range(chunk * CHUNK, min(lines, (chunk + 1) * CHUNK)):
-            along_squared = along[line] * along[line]
-            for j in range(count):
-                across = across_step * (across_first[line] + j)
-                k = math.sqrt(across * across + along_squared)
+        begin = chunk * CHUNK
+        here = min(CHUNK, lines - begin)
+        whole = np.empty(here, dtype=np.int64)
+        entry = np.empty(here, dtype=np.int64)
+        size = np.empty(here, dtype=np.float64)
+        turns = np.empty(here, dtype=np.float64)
+        cosine = np.empty(here, dtype=np.float32)
+        sine = np.empty(here, dtype=np.float32)
+        beside, starts = along[begin : begin + here], across_first[begin : begin + here]
+        for j in range(count):
+            for i in range(here):
+                across = across_step * (starts[i] + j)
+                k = math.sqrt(across * across + beside[i] * beside[i])
                 place = (k - k_first) * per_step
-                if place < half - 1.0 or place > columns - half or across <= outer * k:
-                    out[j, line] = 0.0
-                    continue
-                whole = min(int(place), columns - half - 1)
-                entry = (place - whole) * TABLE_STEPS
-                q = min(int(entry), TABLE_STEPS - 1)
-                part = np.float32(entry - q)
+                kept = (place >= half - 1.0) & (place <= columns - half) & (across > outer * k)
+                place = place if kept else half - 1.0
+                low = min(math.floor(place), columns - half - 1.0)
+                whole[i] = int(low) - half + 1
+                entry[i] = int((place - low) * TABLE_STEPS + 0.5)
+                edge = min(max((across / k - outer) * steep, 0.0), 1.0)
+                edge *= edge * edge * (10.0 - 15.0 * edge + 6.0 * edge * edge)
+                size[i] = edge * math.sqrt(2 * math.pi / across) if kept else 0.0
+                turns[i] = (middle * across - bulk * (k - centre)) * turn
+            if exponent > 0.0:
+                for i in range(here):
+                    across = across_step * (starts[i] + j)
+                    size[i] *= (across / math.sqrt(across * across + beside[i] * beside[i])) ** exponent
+            for i in range(here):
+                c, s = _phasor(turns[i])
+                amplitude = np.float32(size[i])
+                cosine[i] = amplitude * c
+                sine[i] = amplitude * s
+            for i in range(here):
                 re = np.float32(0)
                 im = np.float32(0)
-                for tap in range(taps):
-                    weight = table[q, tap] + part * (table[q + 1, tap] - table[q, tap])
-                    value = spectrum[whole - half + 1 + tap, line]
-                    re += weight * value.real
-                    im += weight * value.imag
-                size = math.sqrt(2 * math.pi / across)
-                if across < inner * k:
-                    size *= 0.5 - 0.5 * math.cos(math.pi * (across / k - outer) / (inner - outer))
-                if exponent > 0.0:
-                    size *= (across / k) ** exponent
-                amplitude = np.float32(size)
-                c, s = _phasor((middle * across - bulk * (k - centre)) * turn)
-                out[j, line] = complex(amplitude * (re * c - im * s), amplitude * (re * s + im * c))
+                if size[i] > 0.0:
+                    weights = table[entry[i]]
+                    for tap in range(taps):
+                        value = spectrum[whole[i] + tap, begin + i]
+                        re += weights[tap] * value.real
+                        im += weights[tap] * value.imag
+                out[j, begin + i] = complex(re * cosine[i] - im * sine[i], re * sine[i] + im * cosine[i])
