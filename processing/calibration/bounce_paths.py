@@ -60,17 +60,17 @@ def footprints(
 def _along(target: FacetTarget, order: tuple[int, ...], transmitter_m: Floats, receiver_m: Floats) -> list[Footprint]:
     faces = [target.faces[index] for index in order]
     last = faces[-1]
-    if last.height_m(receiver_m) <= 0:
+    if _side(last, receiver_m) <= 0:
         return []
     # The antenna's image after each mirror; every face must be lit from its front.
     matrix, shift = np.eye(3), np.zeros(3)
     for face in faces[:-1]:
-        if face.height_m(matrix @ transmitter_m + shift) <= 0:
+        if _side(face, matrix @ transmitter_m + shift) <= 0:
             return []
         mirror, offset = _mirror(face)
         matrix, shift = mirror @ matrix, mirror @ shift + offset
     image = matrix @ transmitter_m + shift
-    if last.height_m(image) <= 0:
+    if _side(last, image) <= 0:
         return []
     pieces = [last.corners_m]
     onward, move = np.eye(3), np.zeros(3)
@@ -82,12 +82,18 @@ def _along(target: FacetTarget, order: tuple[int, ...], transmitter_m: Floats, r
         onward, move = onward @ mirror, onward @ offset + move
     for index, face in enumerate(target.faces):
         # A face that an antenna stands behind hides others from it.
-        if index != order[0] and face.height_m(transmitter_m) < 0:
+        if index != order[0] and _side(face, transmitter_m) < 0:
             pieces = _without(pieces, _beyond(image, face.corners_m @ onward.T + move))
-        if index != order[-1] and face.height_m(receiver_m) < 0:
+        if index != order[-1] and _side(face, receiver_m) < 0:
             pieces = _without(pieces, _beyond(receiver_m, face.corners_m))
     inverse = matrix.T
     return [Footprint(order, piece, last.normal, inverse, -inverse @ shift) for piece in pieces]
+
+
+def _side(face: Face, point_m: Floats) -> float:
+    """Positive in front of a face, negative behind it, zero in its plane (to rounding)."""
+    height = face.height_m(point_m)
+    return 0.0 if abs(height) <= FLAT * float(np.linalg.norm(point_m - face.corners_m[0])) else height
 
 
 def _mirror(face: Face) -> tuple[Floats, Floats]:
