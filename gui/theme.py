@@ -1,4 +1,4 @@
-"""Looks: a dark theme, a light one for sunlight, and the size of the letters. One place for every colour of the window."""
+"""Looks: a dark theme, a light one for sunlight, the size of the letters; every colour of the window stands here."""
 
 from __future__ import annotations
 

@@ -12,6 +12,7 @@ from PySide6.QtCore import QRectF
 from PySide6.QtWidgets import QWidget
 
 from gui import maps
+from gui.models.cursor import LinkedCursor
 from gui.widgets.plots import Plot
 
 UNDEFINED = "#8a8a8a"
@@ -37,29 +38,46 @@ class PictureView(Plot):
     Args:
         quantity: what the values are.
         ground: axes are metres on the ground, y up; otherwise camera pixels, row 0 at the top.
+        axes: other names and units of both axes.
+        square: both axes have the same scale.
+        bar: show the colour bar.
     """
 
-    def __init__(self, quantity: Quantity, *, ground: bool = True, parent: QWidget | None = None) -> None:
-        labels = ("x", "m", "y", "m") if ground else ("column", "px", "row", "px")
+    def __init__(
+        self,
+        quantity: Quantity,
+        *,
+        ground: bool = True,
+        axes: tuple[str, str, str, str] | None = None,
+        square: bool = True,
+        bar: bool = True,
+        parent: QWidget | None = None,
+    ) -> None:
+        labels = axes or (("x", "m", "y", "m") if ground else ("column", "px", "row", "px"))
         super().__init__(*labels, parent=parent)
         self.quantity = quantity
+        self._axes = labels
         self._values: NDArray[np.generic] | None = None
         self._sd: NDArray[np.floating] | None = None
         self._box = QRectF()
         self._frozen = False
+        self._marks: pg.ImageItem | None = None
         self._limits: tuple[float, float] | None = None
         self.image = pg.ImageItem(axisOrder="row-major")
         self.image.setZValue(-10)
         self.item.addItem(self.image)
         view = self.item.vb
         view.setBackgroundColor(UNDEFINED)
-        view.setAspectLocked(True)
+        view.setAspectLocked(square)
         view.invertY(not ground)
         self.bar = pg.ColorBarItem(
             colorMap=maps.colour_map(quantity.colours), label=f"{quantity.name} [{quantity.unit}]", interactive=True,
             width=16,
         )  # fmt: skip
-        self.bar.setImageItem(self.image, insert_in=self.item)
+        self.image.setLookupTable(maps.lookup(quantity.colours))
+        self._with_bar = bar
+        if bar:
+            self.bar.setImageItem(self.image, insert_in=self.item)
         self.bar.sigLevelsChanged.connect(self._chosen)
 
     def show_values(
@@ -68,6 +86,9 @@ class PictureView(Plot):
         x: NDArray[np.floating] | None = None,
         y: NDArray[np.floating] | None = None,
         sd: NDArray[np.floating] | None = None,
+        *,
+        limits: tuple[float, float] | None = None,
+        marked: NDArray[np.bool_] | None = None,
     ) -> None:
         """Show values (rows, columns); NaN is grey.
 
@@ -76,16 +97,20 @@ class PictureView(Plot):
             x: of the columns; None: their numbers.
             y: of the rows.
             sd: standard deviation of each value, for the readout.
+            limits: darkest and brightest value, unless others were chosen by hand.
+            marked: pixels that are shown in red, such as saturated ones.
         """
         if self._frozen:
             return
         self._values, self._sd = values, sd
-        levels = self._limits or self._automatic(values)
+        levels = self._limits or limits or self._automatic(values)
         self.image.setImage(values, autoLevels=False, levels=levels)
         self._place(values.shape[:2], x, y)
-        self.bar.blockSignals(True)
-        self.bar.setLevels(levels)
-        self.bar.blockSignals(False)
+        if self._with_bar:
+            self.bar.blockSignals(True)
+            self.bar.setLevels(levels)
+            self.bar.blockSignals(False)
+        self._mark(marked)
 
     def show_colours(
         self,
@@ -101,6 +126,12 @@ class PictureView(Plot):
         self.image.setImage(colours, autoLevels=False, levels=None)
         self._place(colours.shape[:2], x, y)
 
+    def follow(self, cursor: LinkedCursor) -> None:
+        """Share a cursor with other views of the same plane."""
+        self.pointed.disconnect(self.show_cursor)
+        self.pointed.connect(cursor.move)
+        cursor.moved.connect(self.show_cursor)
+
     def freeze(self, frozen: bool) -> None:
         """Keep what is shown, whatever comes."""
         self._frozen = frozen
@@ -113,7 +144,9 @@ class PictureView(Plot):
 
     def describe(self, x: float, y: float) -> str:
         """Place and value with unit and, where it is known, uncertainty."""
-        where = f"x {x:+.2f} m, y {y:.2f} m" if not self.item.vb.yInverted() else f"column {x:.0f}, row {y:.0f}"
+        x_name, x_unit, y_name, y_unit = self._axes
+        digits = 0 if x_unit == "px" else 2
+        where = f"{x_name} {x:.{digits}f} {x_unit}, {y_name} {y:.{digits}f} {y_unit}"
         if self._values is None or self._box.isEmpty():
             return where
         rows, columns = self._values.shape[:2]
@@ -130,6 +163,22 @@ class PictureView(Plot):
         digits = self.quantity.digits
         spread = "" if self._sd is None else f" ± {float(self._sd[row, column]):.{digits}f}"
         return f"{where}   {self.quantity.name} {value:.{digits}f}{spread} {self.quantity.unit}"
+
+    def _mark(self, marked: NDArray[np.bool_] | None) -> None:
+        if self._marks is None:
+            if marked is None or not marked.any():
+                return
+            self._marks = pg.ImageItem(axisOrder="row-major")
+            self._marks.setZValue(-5)
+            self.item.addItem(self._marks)
+        if marked is None:
+            self._marks.setVisible(False)
+            return
+        red = np.zeros((*marked.shape, 4), np.uint8)
+        red[marked] = (255, 40, 40, 255)
+        self._marks.setImage(red, autoLevels=False, levels=None)
+        self._marks.setRect(self._box)
+        self._marks.setVisible(True)
 
     def _place(self, shape: tuple[int, ...], x: NDArray[np.floating] | None, y: NDArray[np.floating] | None) -> None:
         left, width = _span(x, shape[1])

@@ -35,6 +35,10 @@ class ProfileView(Plot):
         self._data[channel] = step_m, level_db
         self._curves[channel].setData(np.arange(len(level_db)) * step_m, level_db)
 
+    def show_range(self, place: tuple[float, float] | None) -> None:
+        """Show the range that a view beside this one points at."""
+        self.show_cursor(None if place is None else (place[0], self._lines[1].value()))
+
     def describe(self, x: float, y: float) -> str:
         """Range, and the level of each channel there."""
         parts = [self.tr("range {0:.2f} m").format(x)]

@@ -50,6 +50,15 @@ class WaterfallView(Plot):
         self._next = (self._next + 1) % self._lines_kept
         self._held = min(self._held + 1, self._lines_kept)
 
+    def clear(self) -> None:
+        """Forget all lines."""
+        self._ring = None
+        self.image.clear()
+
+    def show_range(self, place: tuple[float, float] | None) -> None:
+        """Show the range that a view beside this one points at."""
+        self.show_cursor(None if place is None else (place[0], self._lines[1].value()))
+
     def refresh(self) -> None:
         """Draw what has been added; once for a frame of the display, however many have come."""
         if self._ring is None:
@@ -64,7 +73,7 @@ class WaterfallView(Plot):
         where = self.tr("range {0:.2f} m, {1} profiles ago").format(x, line)
         if self._ring is None or not (0 <= line < self._held and 0 <= bin_ < self._ring.shape[1]):
             return where
-        value = self._ring[(self._next - 1 - line) % self._lines_kept, bin_]
+        value = int(self._ring[(self._next - 1 - line) % self._lines_kept, bin_])
         return f"{where}   {self._low + value * (self._high - self._low) / 255:.0f} dBFS"
 
 

@@ -47,6 +47,15 @@ MADE_BY = {
 Array = np.ndarray[Any, Any]
 
 
+def is_products(path: Path | str) -> bool:
+    """Whether a file is a products file; False for anything else, also what cannot be read."""
+    try:
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("schema") == SCHEMA)
+    except OSError:
+        return False
+
+
 class Products:
     """A products file. Nothing is held open between calls, so several programs may read while one writes."""
 

@@ -25,6 +25,11 @@ BY_HAND = MOTORIZED | {"rig": "rig_by_hand.toml"}
 """The same rig without motors: trolley and polarizer are moved by hand when the program asks."""
 
 
+def example_plan(kind: str) -> str:
+    """The commented example of one kind of plan (``"plan"``, ``"sky"`` or one of :data:`OTHER_PLANS`)."""
+    return files(__package__).joinpath(MOTORIZED[kind]).read_text(encoding="utf-8")
+
+
 def write_examples(directory: Path | str, *, by_hand: bool = False, force: bool = False) -> dict[str, Path]:
     """Write a rig, two plans and a folder ``plans`` with one of each other kind into ``directory``, made if need be.
 

@@ -1,0 +1,89 @@
+"""The live streams of a running engine, looked at as often as the screen is drawn."""
+
+from __future__ import annotations
+
+import time
+
+from PySide6.QtCore import QObject, QTimer, Signal
+
+from polfuse_lab.live import LiveView, Shown
+
+FRAME_MS = 33
+"""30 updates a second."""
+
+
+class LiveLink(QObject):
+    """Tells of what is new; whatever is not asked for is not read.
+
+    :attr:`tick` comes once for each frame of the display; a page then asks :meth:`newest` for what it shows.
+    """
+
+    tick = Signal()
+    opened = Signal()
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._view: LiveView | None = None
+        self._seen: dict[str, int] = {}
+        self._timer = QTimer(self)
+        self._timer.setInterval(FRAME_MS)
+        self._timer.timeout.connect(self._tick)
+        self.latest_ns = 0
+        """Host time of the newest sample that has been handed out."""
+
+    @property
+    def running(self) -> bool:
+        """Whether there is an engine to look at."""
+        return self._view is not None
+
+    def open(self, view: LiveView) -> None:
+        """Look at another engine."""
+        self.close()
+        self._view = view
+        self._timer.start()
+        self.opened.emit()
+
+    def close(self) -> None:
+        """Look no more."""
+        self._timer.stop()
+        self._seen.clear()
+        view, self._view = self._view, None
+        if view is not None:
+            view.close()
+
+    def streams(self) -> tuple[str, ...]:
+        """Streams that there are."""
+        return () if self._view is None else self._view.streams()
+
+    def newest(self, stream: str) -> Shown | None:
+        """The newest item of a stream if it has not been handed out yet."""
+        if self._view is None:
+            return None
+        found = self._view.newest(stream, after=self._seen.get(stream, 0))
+        if found is not None:
+            self._note(stream, found)
+        return found
+
+    def since(self, stream: str) -> list[Shown]:
+        """All items of a stream that have not been handed out yet."""
+        if self._view is None:
+            return []
+        found = self._view.since(stream, self._seen.get(stream, 0))
+        if found:
+            self._note(stream, found[-1])
+        return found
+
+    def forget(self) -> None:
+        """Hand everything out anew: a page has come to the front."""
+        self._seen.clear()
+
+    def age_s(self) -> float | None:
+        """How old the newest sample that was handed out is, s."""
+        return (time.monotonic_ns() - self.latest_ns) * 1e-9 if self.latest_ns else None
+
+    def _note(self, stream: str, found: Shown) -> None:
+        self._seen[stream] = found.number
+        self.latest_ns = max(self.latest_ns, found.t_sample_ns)
+
+    def _tick(self) -> None:
+        self.tick.emit()

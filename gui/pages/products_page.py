@@ -1,0 +1,153 @@
+"""Pictures of a products file, one or two side by side under one cursor, and what was done to make them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import (
+    QFileDialog,
+    QHBoxLayout,
+    QListWidget,
+    QListWidgetItem,
+    QPlainTextEdit,
+    QSplitter,
+    QVBoxLayout,
+    QWidget,
+)
+
+from gui import maps
+from gui.models import background
+from gui.models.cursor import LinkedCursor
+from gui.saving import save_view
+from gui.widgets.job_bar import JobBar
+from gui.widgets.layout import button, card, dim, heading, title
+from gui.widgets.picture_view import PictureView, Quantity
+from gui.workbench import Workbench
+from polfuse_lab import jobs
+from polfuse_lab.products.pictures import Picture, load_picture, picture_names
+from polfuse_lab.products.store import Products
+
+COLOURS = {"level": maps.SEQUENTIAL, "fraction": maps.FRACTION, "angle": maps.CYCLIC, "counts": "gray",
+           "number": "cividis", "classes": maps.FRACTION, "colours": "gray"}  # fmt: skip
+DIGITS = {"fraction": 3, "counts": 0}
+
+
+class ProductsPage(QWidget):
+    """Choose a picture on the left; hold Ctrl to choose two."""
+
+    def __init__(self, bench: Workbench, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._bench = bench
+        self.linked = LinkedCursor(self)
+        self.where = dim(self.tr("No products are open: focus a session, or open a file on the start page"))
+        self.list = QListWidget()
+        self.list.setSelectionMode(QListWidget.SelectionMode.ExtendedSelection)
+        self.list.setToolTip(self.tr("Two pictures beside each other: choose the second with Ctrl"))
+        self.list.itemSelectionChanged.connect(self._chosen)
+        self.settings = QPlainTextEdit()
+        self.settings.setReadOnly(True)
+        self.views: list[PictureView] = []
+        self.pictures = QSplitter(Qt.Orientation.Horizontal)
+        self._wanted: list[str] = []
+        left = QVBoxLayout()
+        left.addWidget(
+            card(heading(self.tr("Pictures")), self.list, heading(self.tr("Made with")), self.settings, stretch=1)
+        )
+        top = QHBoxLayout()
+        top.addWidget(title(self.tr("Products")))
+        top.addWidget(self.where, 1)
+        for text, clicked, tip in (
+            (self.tr("Report…"), self._report, self.tr("One page with pictures, numbers and provenance")),
+            (self.tr("Export…"), self._export, self.tr("For other programs: GeoTIFF, KMZ, ENVI, PolSARpro, SICD, PNG")),
+            (self.tr("Save view…"), self._save, self.tr("As PNG or PDF, with where it comes from")),
+        ):
+            top.addWidget(button(text, clicked, tip))
+        row = QHBoxLayout()
+        row.addLayout(left, 1)
+        row.addWidget(self.pictures, 4)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(24, 20, 24, 16)
+        column.addLayout(top)
+        column.addWidget(JobBar(bench.jobs))
+        column.addLayout(row, 1)
+        bench.products_opened.connect(self.open)
+
+    def open(self, path: Path) -> None:
+        """Show the pictures of a file."""
+        self.where.setText(str(path))
+        background.run(lambda: picture_names(Products(path)), self._listed, self._bench.error.emit)
+
+    def _listed(self, names: list[tuple[str, str]]) -> None:
+        self.list.clear()
+        for name, text in names:
+            item = QListWidgetItem(text)
+            item.setData(Qt.ItemDataRole.UserRole, name)
+            self.list.addItem(item)
+        if names:
+            best = next((row for row, (name, _) in enumerate(names) if name == "polarimetry.pauli"), 0)
+            self.list.setCurrentRow(best)
+
+    def _chosen(self) -> None:
+        path = self._bench.products
+        names = [item.data(Qt.ItemDataRole.UserRole) for item in self.list.selectedItems()][:2]
+        if path is None or not names or names == self._wanted:
+            return
+        self._wanted = names
+
+        def load() -> tuple[list[str], list[Picture], str]:
+            products = Products(path)
+            settings = products.settings(names[0].partition(".")[0])
+            return names, [load_picture(products, name) for name in names], json.dumps(settings, indent=1)
+
+        background.run(load, self._show, self._bench.error.emit)
+
+    def _show(self, found: tuple[list[str], list[Picture], str]) -> None:
+        names, pictures, settings = found
+        if names != self._wanted:
+            return  # something else has been chosen meanwhile
+        for view in self.views:
+            view.setParent(None)
+            view.deleteLater()
+        self.linked.deleteLater()
+        self.linked = LinkedCursor(self)
+        self.views = [self._view(picture) for picture in pictures]
+        for view in self.views:
+            self.pictures.addWidget(view)
+        self.settings.setPlainText(settings)
+
+    def _view(self, picture: Picture) -> PictureView:
+        kind = picture.kind
+        quantity = Quantity(picture.title, picture.unit, COLOURS[kind], digits=DIGITS.get(kind, 1))
+        view = PictureView(quantity, ground=picture.x is not None, bar=kind != "colours")
+        view.item.setTitle(picture.title)
+        view.follow(self.linked)
+        if kind == "colours":
+            view.show_colours(picture.values, picture.x, picture.y)
+        else:
+            values = picture.values.astype("float32")
+            if kind == "classes":
+                values[values < 0] = float("nan")
+            view.show_values(values, picture.x, picture.y, picture.sd, limits=picture.limits)
+        return view
+
+    def _save(self) -> None:
+        name, _ = QFileDialog.getSaveFileName(self, self.tr("Save this view"), "view.png", "PNG (*.png);;PDF (*.pdf)")
+        if name:
+            try:
+                save_view(self.pictures, Path(name), self._bench.provenance())
+            except OSError as error:
+                self._bench.error.emit(self.tr("{0} cannot be written ({1})").format(name, error), "")
+
+    def _report(self) -> None:
+        if self._bench.products is not None:
+            name, _ = QFileDialog.getSaveFileName(self, self.tr("Write the report"), "report.html", "HTML (*.html)")
+            if name:
+                self._bench.jobs.submit(jobs.report(self._bench.products, Path(name)))
+
+    def _export(self) -> None:
+        if self._bench.products is not None:
+            folder = QFileDialog.getExistingDirectory(self, self.tr("Where to write the exported files"))
+            if folder:
+                self._bench.jobs.submit(jobs.export(self._bench.products, Path(folder), to="png"))

@@ -1,0 +1,60 @@
+"""Pieces that pages are put together from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFrame, QLabel, QLayout, QPushButton, QVBoxLayout, QWidget
+
+
+def title(text: str) -> QLabel:
+    """Title of a page."""
+    return _label(text, "title")
+
+
+def heading(text: str) -> QLabel:
+    """Heading of a part."""
+    return _label(text, "heading")
+
+
+def dim(text: str) -> QLabel:
+    """Words that explain."""
+    label = _label(text, "dim")
+    label.setWordWrap(True)
+    return label
+
+
+def card(*parts: QWidget | QLayout, stretch: int | None = None) -> QFrame:
+    """Parts below each other in a frame; ``stretch`` is the number of the one that takes what room is left."""
+    frame = QFrame()
+    frame.setProperty("role", "card")
+    column = QVBoxLayout(frame)
+    for number, part in enumerate(parts):
+        share = int(number == stretch)
+        if isinstance(part, QWidget):
+            column.addWidget(part, share)
+        else:
+            column.addLayout(part, share)
+    return frame
+
+
+def button(text: str, clicked: Callable[[], object], tip: str = "", role: str = "", key: str = "") -> QPushButton:
+    """A push button; ``role`` is ``"primary"``, ``"danger"`` or nothing, ``key`` its shortcut."""
+    made = QPushButton(text)
+    made.clicked.connect(lambda: clicked())
+    if role:
+        made.setProperty("role", role)
+    if key:
+        made.setShortcut(key)
+        tip = f"{tip} ({key})" if tip else key
+    if tip:
+        made.setToolTip(tip)
+    made.setCursor(Qt.CursorShape.PointingHandCursor)
+    return made
+
+
+def _label(text: str, role: str) -> QLabel:
+    label = QLabel(text)
+    label.setProperty("role", role)
+    return label

@@ -1,0 +1,58 @@
+"""Windows without a display; a test that leaves a widget or a thread behind fails."""
+
+from __future__ import annotations
+
+import gc
+import os
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+pytest.importorskip("PySide6", reason="the window's packages are not installed (extra 'gui')")
+pytest.importorskip("pyqtgraph", reason="the window's packages are not installed (extra 'gui')")
+
+from PySide6.QtCore import QCoreApplication, QEvent, QThreadPool
+from PySide6.QtWidgets import QApplication
+
+from gui import theme
+
+THREADS_END_S = 10.0
+
+
+@pytest.fixture(scope="session")
+def qapp_args() -> list[str]:
+    return ["polfuse"]
+
+
+@pytest.fixture(autouse=True)
+def _tidy(qapp: QApplication) -> Iterator[None]:
+    """The dark theme, and afterwards no window, no task and no thread more than before."""
+    theme.apply(qapp, theme.ThemeName.DARK)
+    widgets = set(map(id, qapp.topLevelWidgets()))
+    threads = set(threading.enumerate())
+    yield
+    assert QThreadPool.globalInstance().waitForDone(10_000)
+    for _ in range(3):
+        QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+        qapp.processEvents()
+        gc.collect()
+    left = [widget for widget in qapp.topLevelWidgets() if id(widget) not in widgets and widget.isVisible()]
+    assert not left, f"widgets left behind: {left}"
+    end = time.monotonic() + THREADS_END_S
+    while (alive := _new_threads(threads)) and time.monotonic() < end:
+        qapp.processEvents()
+        time.sleep(0.05)
+    assert not alive, f"threads left behind: {alive}"
+
+
+def _new_threads(before: set[threading.Thread]) -> list[threading.Thread]:
+    # Threads of Qt's pool that have run Python show up as dummies; the pool keeps them for the next task.
+    return [
+        thread
+        for thread in threading.enumerate()
+        if thread not in before and thread.is_alive() and not isinstance(thread, threading._DummyThread)
+    ]
