@@ -20,8 +20,8 @@ from processing.radar.profiles import SPEED_OF_LIGHT_M_S, RangeProfiles
 from processing.sar.aperture import aperture_window
 from processing.sar.footprint import ImageFlag
 from processing.sar.grid import ImageGrid
+from processing.sar.peak_search import find_peaks
 from processing.sar.planner import Task, choose
-from processing.sar.quality import find_peaks
 from processing.sar.resolution import point_resolution
 
 PIXELS_PER_CELL = 2.5

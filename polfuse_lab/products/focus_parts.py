@@ -18,8 +18,9 @@ from processing.sar.aperture import grating_lobe_warning
 from processing.sar.continuous import sweep_motion
 from processing.sar.footprint import ImageFlag
 from processing.sar.grid import ImageGrid, check_grid
+from processing.sar.peak_search import Rows, find_peaks
 from processing.sar.planner import Choice
-from processing.sar.quality import Peak, Rows, find_peaks
+from processing.sar.quality import Peak
 from processing.sar.resolution import point_resolution
 
 

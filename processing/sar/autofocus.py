@@ -25,7 +25,8 @@ from processing.sar.autofocus_entropy import minimum_entropy_phase, minimum_entr
 from processing.sar.autofocus_gradient import along_track, entropy_of, phase_gradient, track_of_points, without_shift
 from processing.sar.backprojection import backproject
 from processing.sar.grid import ImageGrid
-from processing.sar.quality import Peak, find_peaks
+from processing.sar.peak_search import find_peaks
+from processing.sar.quality import Peak
 from processing.sar.resolution import Resolution, point_resolution
 from processing.sar.sharpness import image_entropy
 

@@ -7,7 +7,8 @@ import pytest
 
 from processing.calibration.offset import locate_target
 from processing.sar.grid import ImageGrid
-from processing.sar.quality import find_peaks, point_response, range_gain
+from processing.sar.peak_search import find_peaks
+from processing.sar.quality import point_response, range_gain
 
 GRID = ImageGrid(np.arange(-3.0, 3.01, 0.1), np.arange(4.0, 14.01, 0.2), -1.07)
 X, Y, AMPLITUDE = 0.63, 8.37, 0.7

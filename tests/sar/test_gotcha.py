@@ -10,7 +10,8 @@ from scipy.signal.windows import taylor
 from processing.radar.profiles import RangeProfiles
 from processing.sar.backprojection import backproject, backproject_reference
 from processing.sar.grid import ImageGrid
-from processing.sar.quality import carrier_of, find_peaks, point_response
+from processing.sar.peak_search import find_peaks
+from processing.sar.quality import carrier_of, point_response
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,10 @@ from rail_data import BANDWIDTH_HZ, CELL_M, CENTRE_HZ, HEIGHT_M, C, Frequencies,
 from processing.errors import DataError
 from processing.sar.aperture import alias_free_angle_rad, aperture_window, grating_lobe_warning, widest_angle_rad
 from processing.sar.backprojection import backproject
+from processing.sar.peak_search import find_peaks
 from processing.sar.quality import (
     carrier_of,
     complex_correlation,
-    find_peaks,
     measure_cut,
     point_response,
     value_between,

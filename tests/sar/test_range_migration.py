@@ -9,8 +9,9 @@ from processing.radar.antenna import AntennaPair
 from processing.sar.aperture import aperture_window, even_track
 from processing.sar.backprojection import backproject
 from processing.sar.grid import ImageGrid, PolarGrid
+from processing.sar.peak_search import find_peaks
 from processing.sar.planner import MIGRATION_ERROR_DB
-from processing.sar.quality import complex_correlation, find_peaks
+from processing.sar.quality import complex_correlation
 from processing.sar.range_migration import range_migration
 from processing.sar.stolt import stolt, stolt_reference
 
