@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from processing.errors import DataError
@@ -82,3 +83,24 @@ def places(at: NDArray[np.float64], kernel: Kernel, length: int) -> tuple[NDArra
     whole = np.floor(at)
     first = (whole.astype(np.int64) - kernel.taps // 2 + 1) % length
     return first, kernel.weights(at - whole)
+
+
+def chebyshev_nodes(axis: NDArray[np.float64], most: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Nodes for a smooth function over an axis and the matrix (axis, nodes) that interpolates from its values there.
+
+    Chebyshev points of the second kind, barycentric formula (Berrut, Trefethen 2004); the axis itself if it is no
+    longer than ``most``.
+    """
+    if len(axis) <= most or np.ptp(axis) == 0:
+        return axis, np.eye(len(axis))
+    low, high = float(axis.min()), float(axis.max())
+    nodes = 0.5 * (low + high) + 0.5 * (high - low) * chebyshev.chebpts2(most)
+    weights = (-1.0) ** np.arange(most)
+    weights[[0, -1]] *= 0.5
+    away = axis[:, None] - nodes
+    met = away == 0
+    terms = weights / np.where(met, 1.0, away)
+    matrix = terms / terms.sum(axis=1, keepdims=True)
+    rows = met.any(axis=1)
+    matrix[rows] = met[rows]
+    return nodes, matrix

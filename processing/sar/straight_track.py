@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from processing.errors import DataError
 from processing.radar.antenna import pattern_exponent
 from processing.sar.grid import ImageGrid
+from processing.sar.gridding import chebyshev_nodes
 
 LARGEST_PHASE = 0.3
 """Two-way phase, rad, of the furthest position from the line: 10 % of error, of which nothing good can be made."""
@@ -87,8 +87,8 @@ def pattern_sum(
     exponent = pattern_exponent(beamwidth_rad)
     slant = np.hypot(grid.y_m - track.y_m, grid.z_m - track.z_m)
     wide = float(np.ptp(grid.x_m)) / float(slant.min())
-    x, to_columns = _nodes(grid.x_m, 16 + math.ceil(NODES_PER_SLOPE * wide))
-    rho, to_rows = _nodes(np.log(slant), ROW_NODES)
+    x, to_columns = chebyshev_nodes(grid.x_m, 16 + math.ceil(NODES_PER_SLOPE * wide))
+    rho, to_rows = chebyshev_nodes(np.log(slant), ROW_NODES)
     square = np.exp(rho) ** 2
     total = np.zeros((len(rho), len(x)))
     for place, weight in zip(track.x_m, weights, strict=True):
@@ -96,23 +96,3 @@ def pattern_sum(
         total += weight * (1 + (x - place) ** 2 / square[:, None]) ** -exponent
     tilt = ahead_cosine(track, grid, depression_rad) ** (2 * exponent)
     return np.asarray(tilt[:, None] * np.clip(to_rows @ total @ to_columns.T, 0, None))
-
-
-def _nodes(axis: NDArray[np.float64], most: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Chebyshev nodes over an axis and the matrix (axis, nodes) that interpolates from them; the axis if it is short.
-
-    Barycentric formula of the second kind (Berrut, Trefethen 2004).
-    """
-    if len(axis) <= most or np.ptp(axis) == 0:
-        return axis, np.eye(len(axis))
-    low, high = float(axis.min()), float(axis.max())
-    nodes = 0.5 * (low + high) + 0.5 * (high - low) * chebyshev.chebpts2(most)
-    weights = (-1.0) ** np.arange(most)
-    weights[[0, -1]] *= 0.5
-    away = axis[:, None] - nodes
-    met = away == 0
-    terms = weights / np.where(met, 1.0, away)
-    matrix = terms / terms.sum(axis=1, keepdims=True)
-    rows = met.any(axis=1)
-    matrix[rows] = met[rows]
-    return nodes, matrix
