@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from polfuse_lab.cli.output import Debug, Json, guarded, progress, result
+from polfuse_lab.cli.output import Debug, Json, counted, guarded, progress, result
 
 METHODS = ("auto", "rma", "bp", "ffbp", "reference")
 WINDOWS = ("hann", "taylor", "rectangular")
@@ -116,7 +116,7 @@ def focus(
 
     with (
         open_session(session) as opened,
-        spread(memory=memory, tile=tile, dask=dask, listener=lambda told: progress(str(told))) as spreading,
+        spread(memory=memory, tile=tile, dask=dask, listener=counted) as spreading,
     ):
         grid = stage.default_grid(opened, x_m=extents[0], y_m=extents[1], step_m=step)
         progress(f"focusing {session}: {grid.shape[1]} x {grid.shape[0]} pixels")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from polfuse_lab.cli.output import progress, result
+from polfuse_lab.cli.output import counted, progress, result
 
 if TYPE_CHECKING:
     from polfuse_lab.scale.batch import Focused
@@ -41,7 +41,7 @@ def focus_many(
             memory_bytes=spreading.memory_bytes,
             tile=tile,
             cluster=spreading.cluster,
-            listener=lambda told: progress(str(told)),
+            listener=counted,
             finished=_tell,
         )
     failed = sum(item.error is not None for item in made)

@@ -7,11 +7,14 @@ import json
 import sys
 import traceback
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, ParamSpec
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
 
 import typer
 
 from polfuse_lab.plain import plain
+
+if TYPE_CHECKING:
+    from polfuse_lab.scale.progress import Progress
 
 Arguments = ParamSpec("Arguments")
 
@@ -19,9 +22,32 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on std
 Debug = Annotated[bool, typer.Option("--debug", help="Show a traceback when something fails.")]
 
 
-def progress(message: str) -> None:
-    """One line for the user on stderr."""
+Listener = Callable[[str, float | None, float | None], None]
+_listener: Listener | None = None
+
+
+def listen(listener: Listener | None) -> None:
+    """Have every line of progress also told to a program: in words, as a fraction (0 to 1) and as seconds left."""
+    global _listener
+    _listener = listener
+
+
+def progress(message: str, fraction: float | None = None, left_s: float | None = None) -> None:
+    """One line for the user on stderr.
+
+    Args:
+        message: the line.
+        fraction: how much of the whole is done, 0 to 1, where that is known.
+        left_s: seconds that the rest will take, where that is known.
+    """
     print(message, file=sys.stderr, flush=True)
+    if _listener is not None:
+        _listener(message, fraction, left_s)
+
+
+def counted(told: Progress) -> None:
+    """Progress of a run that counts what it has done, as a line."""
+    progress(str(told), told.done / max(told.total, 1), told.remaining_s)
 
 
 def result(values: Mapping[str, Any], *, as_json: bool, text: str) -> None:

@@ -37,7 +37,7 @@ class StatusLine:
             self._shown = text
         elif now - self._last >= LOG_EVERY_S and status.steps:
             self._last = now
-            progress(text)
+            progress(text, status.step / status.steps, status.eta_s)
 
     def end(self) -> None:
         """Leave the line."""
