@@ -65,7 +65,7 @@ def calibrate(
     reference: Path | str | None = None,
     phase_sd_rad: float = 0.0,
     shift_sd_m: float = 0.0,
-    draws: int = 2000,
+    draws: int = 1000,
     on_target: OnTarget | None = None,
 ) -> CalibrationResult:
     """Calibrate the focused image of a products file on reflectors of known RCS.

@@ -47,6 +47,8 @@ BESIDE_M = 3.0
 """How far beyond the search radius a brighter echo is looked for, which tells that the target stands elsewhere, m."""
 ELSEWHERE_DB = 6.0
 """By which an echo elsewhere must be stronger to be taken for the target in a wrong place."""
+LEAST_ELSEWHERE_DB = 15.0
+"""Above the noise, for an echo elsewhere to be named: the highest of a thousand pixels of noise stands at 9 dB."""
 NOISE_CELLS = 15
 """Range cells over which noise is estimated where sweeps do not tell it."""
 
@@ -207,7 +209,10 @@ def _find(
     except DataError:
         brightest = None
     floor = noise[reference]
-    if brightest is not None and to_dbsm(brightest.power / floor) >= min_snr_db:
+    # Noise grows where the antennas' pattern is compensated for, so an echo elsewhere is judged by the noise there.
+    if brightest is not None and to_dbsm(brightest.power / _noise_at(focused, profiles, brightest)[reference]) >= max(
+        min_snr_db, LEAST_ELSEWHERE_DB
+    ):
         moved = float(np.hypot(brightest.x_m - x, brightest.y_m - y))
         if moved > radius_m and (peak is None or to_dbsm(brightest.power / peak.power) > ELSEWHERE_DB):
             raise DataError(
@@ -231,6 +236,10 @@ def _find(
         values[CHANNELS.index(name)] = peak.values[index]
         power[CHANNELS.index(name)] = max(noise[index], NUMERICAL_FLOOR * peak.power)
     return peak, values, power
+
+
+def _noise_at(focused: FocusedImage, profiles: RangeProfiles, peak: TargetPeak) -> Floats:
+    return _noise(focused, profiles, np.array([peak.x_m, peak.y_m, focused.z_m]))
 
 
 def _noise(focused: FocusedImage, profiles: RangeProfiles, place_m: Floats) -> Floats:

@@ -36,6 +36,10 @@ Method = Literal["quegan", "ainsworth"]
 LEAST_PIXELS = 64
 LEAST_COHERENCE = 0.5
 """Of HV and VH: below, noise or a switch that does not change over hides what is reciprocal."""
+MOST_CROSSTALK = 0.5
+"""Amplitude of crosstalk beyond which it is the region that mixes the polarizations, not the radar."""
+LARGEST_CO_COHERENCE = 0.98
+"""Of HH and VV: above, the four equations hold only two."""
 BLOCKS = 16
 """Parts of the region whose differences give the standard deviations (jackknife)."""
 STEPS = 50
@@ -113,6 +117,12 @@ def estimate_crosstalk(
     if not (np.diagonal(total).real > 0).all():
         empty = [name for name, power in zip(CHANNELS, np.diagonal(total).real, strict=True) if not power > 0]
         raise DataError(f"channel {', '.join(empty)} is empty in the region", "check switches and cables")
+    alike = float(abs(total[HH, VV]) / np.sqrt(total[HH, HH].real * total[VV, VV].real))
+    if alike > LARGEST_CO_COHERENCE:
+        raise DataError(
+            f"HH and VV of the region are one and the same (coherence {alike:.3f}), as of a single target",
+            "choose a region of many scatterers, such as vegetation",
+        )
     whole = _solve(total / count, method)
     balanced = _corrected(total / count, whole)
     coherence = float(abs(balanced[HV, VH]) / np.sqrt(balanced[HV, HV].real * balanced[VH, VH].real))
@@ -145,9 +155,9 @@ def _solve(covariance: Complexes, method: Method) -> Complexes:
         # Seen behind gains that balance HV and VH: crosstalk of a path over its own channel scales by that gain.
         root = np.sqrt(found[4])
         found[:4] += step * np.array([root, 1 / root, 1 / root, root])
-        if not np.isfinite(found).all() or np.abs(found[:4]).max() > 1:
+        if not np.isfinite(found).all() or np.abs(found[:4]).max() > MOST_CROSSTALK:
             raise DataError(
-                "the crosstalk that would explain the region is above 0 dB",
+                "the crosstalk that would explain the region is above -6 dB",
                 "choose a region of many scatterers without a preferred direction, such as vegetation",
             )
         if np.abs(step).max() < SMALLEST_STEP:
@@ -188,10 +198,5 @@ def _increment(c: Complexes, method: Method) -> Complexes:
     scale = np.sqrt(np.tile([hh, hh, vv, vv], 2))
     columns = np.sqrt(np.tile([hh, hh, vv, vv], 2))
     balanced = system / scale[:, None] / columns
-    if not np.linalg.cond(balanced) < 1e8:
-        raise DataError(
-            "HH and VV of the region are one and the same, as of a single target",
-            "choose a region of many scatterers, such as vegetation",
-        )
     solved = np.linalg.solve(balanced, np.concatenate([seen.real, seen.imag]) / scale) / columns
     return np.asarray(solved[:4] + 1j * solved[4:])

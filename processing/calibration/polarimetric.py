@@ -94,7 +94,7 @@ def calibrate_targets(
     reference: int = 0,
     errors: ReferenceErrors | None = None,
     phase_sd_rad: float = 0.0,
-    draws: int = 2000,
+    draws: int = 1000,
     seed: int = 0,
 ) -> PolarimetricCalibration:
     """Constant, imbalance and crosstalk from at least three targets that differ.
@@ -148,7 +148,7 @@ def calibrate_isolated(
     cross_ratio: complex | None = None,
     errors: ReferenceErrors | None = None,
     phase_sd_rad: float = 0.0,
-    draws: int = 2000,
+    draws: int = 1000,
     seed: int = 0,
 ) -> PolarimetricCalibration:
     """Constant and co-polarized imbalance from a trihedral or plate alone, with antennas taken as isolated.

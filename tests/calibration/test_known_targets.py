@@ -123,7 +123,10 @@ def test_covariance_and_chi_square_are_those_of_the_scatter() -> None:
         values, noise = np.stack([t.values for t in targets]), np.stack([t.noise for t in targets])
         fit = fit_targets(values, noise, THREE, [t.turn_sd_rad for t in targets])
         sd = np.sqrt(np.diag(fit.covariance))
-        error = [fit.distortion.receive[0, 1] - truth.receive[0, 1], fit.distortion.transmit[1, 1] - truth.transmit[1, 1]]
+        error = [
+            fit.distortion.receive[0, 1] - truth.receive[0, 1],
+            fit.distortion.transmit[1, 1] - truth.transmit[1, 1],
+        ]
         deviations.append([error[0].real / sd[0], error[1].real / sd[5], error[1].imag / sd[14]])
         chi.append(fit.chi_square)
     # Sample standard deviation of n unit deviates: 1 +- 1 / sqrt(2 n) = 6.5 %, four of them.
