@@ -27,13 +27,10 @@ from processing.sar.continuous import sweep_motion
 from processing.sar.grid import Grid, ImageGrid, check_grid
 from processing.sar.gridding import Kernel
 from processing.sar.polar_format_geometry import Spotlight, Straightening, spotlight, straighten, usable_radius_m
-from processing.sar.polar_format_kernel import read_pixels, resample_azimuth, resample_range
-from processing.sar.stolt import smooth_step
+from processing.sar.polar_format_kernel import TAPS, read_pixels, resample_azimuth, resample_range
+from processing.sar.stolt import TABLE_STEPS, smooth_step, weight_table
 
-KERNEL = Kernel(6, 1.5)
-TABLE_STEPS = 8192
-"""Intervals of the kernel's table, of which the nearest entry is taken."""
-
+KERNEL = Kernel(TAPS, 1.5)
 BAND_MARGIN = 1.4
 """Width of the band that is kept, as a multiple of the ramp's, where ranges were cut off."""
 
@@ -44,7 +41,7 @@ REFUSED_DB = -20.0
 """Error of a point from which an image is refused."""
 
 UNDONE_STEPS = 4096
-BLOCK_ROWS = 128
+"""Intervals on either side of the table by which azimuth resampling's kernel is undone."""
 
 
 def polar_format(
@@ -192,7 +189,7 @@ def _lay_out(
 def _transform(pulses: Pulses, scene: Spotlight, layout: _Layout, channel: int) -> NDArray[np.complex64]:
     """(samples, samples) of one channel around the scene's centre, without the carrier."""
     workers = get_num_threads()
-    table = KERNEL.weights(np.arange(TABLE_STEPS + 1) / TABLE_STEPS).astype(np.float32)
+    table = weight_table(KERNEL, TABLE_STEPS)
     values = pulses.values[channel]
     bins = layout.first_bin[:, None] + layout.bins
     there = (bins >= 0) & (bins < values.shape[1])
@@ -238,7 +235,7 @@ def _read(
     fine: NDArray[np.complex64], layout: _Layout, straight: Straightening, total: float, out: NDArray[np.complex64]
 ) -> None:
     """Write an image, some rows at a time."""
-    table = KERNEL.weights(np.arange(TABLE_STEPS + 1) / TABLE_STEPS).astype(np.float32)
+    table = weight_table(KERNEL, TABLE_STEPS)
     along_step = float(layout.k_along[1] - layout.k_along[0])
     steps = np.array([along_step, layout.across_step])
     carrier = np.array(
@@ -249,12 +246,17 @@ def _read(
     )
     across = np.linspace(-1, 1, 2 * UNDONE_STEPS + 1) * layout.reach_across_m
     undone = along_step / (2 * math.pi * total) / KERNEL.response(across * layout.across_step / (2 * math.pi))
-    for begin in range(0, len(out), BLOCK_ROWS):
-        some = slice(begin, begin + BLOCK_ROWS)
-        read_pixels(
-            fine, straight.rows(some), np.array(layout.length) * steps / (2 * math.pi), carrier, table,
-            undone.astype(np.float32), UNDONE_STEPS / layout.reach_across_m, out[some],
-        )  # fmt: skip
+    # What the last samples read goes on with the first.
+    high, wide = fine.shape
+    whole = np.empty((high + TAPS - 1, wide + TAPS - 1), dtype=np.complex64)
+    whole[:high, :wide] = fine
+    whole[high:, :wide] = fine[: TAPS - 1]
+    whole[:, wide:] = whole[:, : TAPS - 1]
+    at_columns = np.stack([np.einsum("ij,kj->ik", nodes, straight.to_columns) for nodes in straight.nodes])
+    read_pixels(
+        whole.view(np.float32), straight.to_rows, at_columns, np.array(layout.length) * steps / (2 * math.pi), carrier,
+        table, undone.astype(np.float32), UNDONE_STEPS / layout.reach_across_m, out,
+    )  # fmt: skip
 
 
 def _outside(profiles: RangeProfiles, pulses: Pulses, scene: Spotlight, grid: ImageGrid) -> NDArray[np.bool_] | None:
@@ -263,8 +265,9 @@ def _outside(profiles: RangeProfiles, pulses: Pulses, scene: Spotlight, grid: Im
     highest = pulses.start_m + (pulses.values.shape[2] - 4) * profiles.range_step_m
     corners = np.array([[x, y, grid.z_m] for x in _ends(grid.x_m) for y in _ends(grid.y_m)])
     furthest = np.linalg.norm(corners[:, None] - scene.antenna_m, axis=2).max(axis=0)
-    # Ranges are convex over the plane: the corners have the largest, and the middle the least but for the reach.
-    if (furthest < highest).all() and (scene.centre_range_m - _reach(grid) >= lowest).all():
+    # Ranges are convex over the plane: the corners have the largest, and no range is below the plane that touches.
+    tangent = (corners - scene.centre_m)[:, :2] @ scene.axes.T @ scene.direction.T
+    if (furthest < highest).all() and (scene.centre_range_m + tangent.min(axis=0) >= lowest).all():
         return None
     x, y, z = grid.places_m()
     outside = np.zeros(grid.shape, dtype=np.bool_)

@@ -119,10 +119,6 @@ class Straightening:
     error_power: NDArray[np.float64]
     """(ny, nx) at nodes."""
 
-    def rows(self, some: slice) -> NDArray[np.float64]:
-        """(2, rows, columns) coordinates of some rows of the image."""
-        return np.asarray(self.to_rows[some] @ self.nodes @ self.to_columns.T)
-
     @property
     def error_db(self) -> float:
         """Expected error of the image, root mean square, dB, with points anywhere in it."""

@@ -12,6 +12,9 @@ from processing.sar.factorized_kernel import _phasor
 
 _MATH = {"contract", "reassoc", "nsz", "arcp"}
 
+TAPS = 6
+"""Samples that a pixel reads along each axis."""
+
 
 @njit(parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy")
 def resample_range(
@@ -91,49 +94,55 @@ def resample_azimuth(
 
 @njit(parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy")
 def read_pixels(
-    fine: Any, at: Any, per_m: Any, carrier: Any, table: Any, undone: Any, undone_per_m: float, out: Any
-) -> None:
+    fine: Any, to_rows: Any, at_columns: Any, per_m: Any, carrier: Any, table: Any, undone: Any, undone_per_m: float,
+    out: Any,
+) -> None:  # fmt: skip
     """Read pixels at their straightened coordinates and turn them by the carrier.
 
     Args:
-        fine: (samples, samples) complex64, periodic.
-        at: (2, rows, columns) coordinates along and across, m.
+        fine: (samples, 2 samples) float32, real and imaginary parts in turn; its period is shorter by ``TAPS - 1``,
+            so that what a pixel reads is never parted.
+        to_rows: (rows, nodes) interpolation of coordinates.
+        at_columns: (2, nodes, columns) coordinates along and across at the nodes, m.
         per_m: (2,) samples per metre.
         carrier: (2,) wavenumbers that transforms are centred on, rad/m.
-        table: (steps + 1, taps) float32 weights.
+        table: (steps + 1, TAPS) float32 weights.
         undone: (2 half + 1,) float32 what azimuth resampling's kernel is undone by, 0 m in the middle.
         undone_per_m: its entries per metre.
         out: (rows, columns) complex64.
     """
-    taps = table.shape[1]
-    half = taps // 2
+    half = TAPS // 2
     steps = table.shape[0] - 1
-    high, wide = fine.shape
+    high = fine.shape[0] - (TAPS - 1)
+    wide = fine.shape[1] // 2 - (TAPS - 1)
+    columns = out.shape[1]
     middle = undone.size // 2
     turn = 1 / (2 * math.pi)
     for row in prange(out.shape[0]):
-        for column in range(out.shape[1]):
-            a, b = at[0, row, column], at[1, row, column]
+        along = np.zeros(columns)
+        across = np.zeros(columns)
+        for node in range(to_rows.shape[1]):
+            share = to_rows[row, node]
+            for column in range(columns):
+                along[column] += share * at_columns[0, node, column]
+                across[column] += share * at_columns[1, node, column]
+        for column in range(columns):
+            a, b = along[column], across[column]
             pa, pb = a * per_m[0], b * per_m[1]
             wa, wb = math.floor(pa), math.floor(pb)
-            qa, qb = int((pa - wa) * steps + 0.5), int((pb - wb) * steps + 0.5)
-            first_a, first_b = (int(wa) - half + 1) % high, (int(wb) - half + 1) % wide
+            weights_a, weights_b = table[int((pa - wa) * steps + 0.5)], table[int((pb - wb) * steps + 0.5)]
+            first, begin = (int(wa) - half + 1) % high, 2 * ((int(wb) - half + 1) % wide)
             re = np.float32(0)
             im = np.float32(0)
-            for i in range(taps):
-                line = first_a + i
-                if line >= high:
-                    line -= high
+            for i in range(TAPS):
+                line = fine[first + i, begin : begin + 2 * TAPS]
                 part_re = np.float32(0)
                 part_im = np.float32(0)
-                for k in range(taps):
-                    sample = first_b + k
-                    if sample >= wide:
-                        sample -= wide
-                    part_re += table[qb, k] * fine[line, sample].real
-                    part_im += table[qb, k] * fine[line, sample].imag
-                re += table[qa, i] * part_re
-                im += table[qa, i] * part_im
+                for k in range(TAPS):
+                    part_re += weights_b[k] * line[2 * k]
+                    part_im += weights_b[k] * line[2 * k + 1]
+                re += weights_a[i] * part_re
+                im += weights_a[i] * part_im
             entry = b * undone_per_m + middle
             low = min(max(int(entry), 0), undone.size - 2)
             size = undone[low] + np.float32(entry - low) * (undone[low + 1] - undone[low])

@@ -8,6 +8,7 @@ Kaiser-windowed sinc. The first two ask for a correction of the profiles in rang
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -114,6 +115,14 @@ class Mapping:
     """Of the antennas' amplitude pattern, ``cos^n``."""
 
 
+@functools.lru_cache(maxsize=8)
+def weight_table(taps: Filter, steps: int) -> NDArray[np.float32]:
+    """Weights on ``steps + 1`` equidistant fractions, (steps + 1, taps) float32, not to be written to."""
+    table = taps.weights(np.arange(steps + 1) / steps).astype(np.float32)
+    table.setflags(write=False)
+    return table
+
+
 def smooth_step(part: NDArray[np.float64]) -> NDArray[np.float64]:
     """From 0 to 1 over ``part`` from 0 to 1, with two steady derivatives: 10 t^3 - 15 t^4 + 6 t^5."""
     return np.asarray(part**3 * (10 - 15 * part + 6 * part**2))
@@ -135,7 +144,7 @@ def stolt(spectrum: NDArray[np.complex64], mapping: Mapping, taps: Filter) -> ND
         (across_count, lines) complex64; 0 where k lies outside the spectrum.
     """
     out = np.empty((mapping.across_count, spectrum.shape[1]), dtype=np.complex64)
-    table = taps.weights(np.arange(TABLE_STEPS + 1) / TABLE_STEPS).astype(np.float32)
+    table = weight_table(taps, TABLE_STEPS)
     _stolt(
         spectrum, mapping.along, mapping.k_first, 1 / mapping.k_step, mapping.centre, mapping.bulk_m,
         mapping.across_first, mapping.across_step, mapping.middle_m, mapping.inner_cosine, mapping.outer_cosine,
