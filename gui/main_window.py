@@ -94,7 +94,9 @@ class MainWindow(QMainWindow):
         """A page by its name."""
         scroll = self._pages.widget(self._names.index(name))
         assert isinstance(scroll, QScrollArea)
-        return scroll.widget()
+        page = scroll.widget()
+        assert page is not None
+        return page
 
     @property
     def current(self) -> str:
@@ -137,6 +139,7 @@ class MainWindow(QMainWindow):
         self._names.append(name)
         item = QListWidgetItem(text)
         item.setToolTip(f"{text} (Ctrl+{number})")
+        item.setSizeHint(QSize(0, round(self.fontMetrics().height() * 2.1)))
         self.navigation.addItem(item)
         shortcut = QShortcut(QKeySequence(f"Ctrl+{number}"), self)
         shortcut.activated.connect(lambda: self.show_page(name))

@@ -153,12 +153,14 @@ QFrame[role="card"] {{ background: {theme.panel}; border: 1px solid {theme.borde
 QFrame[role="card"] QLabel {{ background: transparent; border: none; }}
 QListWidget#navigation {{ background: {theme.panel}; border: none; border-right: 1px solid {theme.border};
     padding: {pad}px; }}
-QListWidget#navigation::item {{ padding: {pad}px {pad}px; border-radius: 4px; margin: 1px 0; }}
+QListWidget#navigation::item {{ padding: 0 {pad}px; border-radius: 4px; margin: 1px 0; }}
 QListWidget#navigation::item:selected {{ background: {theme.accent}; color: {theme.on_accent}; }}
 QListWidget#navigation::item:hover:!selected {{ background: {theme.raised}; }}
 QProgressBar {{ background: {theme.panel}; border: 1px solid {theme.border}; border-radius: 4px; text-align: center;
     min-height: {round(size_pt * 1.9)}px; }}
 QProgressBar::chunk {{ background: {theme.accent}; border-radius: 3px; }}
+QTabWidget::pane {{ border: 1px solid {theme.border}; background: {theme.window}; }}
+QTabWidget > QWidget > QWidget {{ background: {theme.window}; }}
 QTabBar::tab {{ padding: {pad}px {2 * pad}px; background: {theme.window}; border: 1px solid {theme.border};
     border-bottom: none; }}
 QTabBar::tab:selected {{ background: {theme.panel}; border-top: 2px solid {theme.accent}; }}

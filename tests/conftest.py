@@ -7,7 +7,20 @@ from pathlib import Path
 
 import pytest
 
-REAL_TIME = {"audio", "camera", "campaigns", "demo", "engine", "faults", "gentl", "gige", "plugins", "replay", "serial"}
+REAL_TIME = {
+    "audio",
+    "camera",
+    "campaigns",
+    "demo",
+    "engine",
+    "faults",
+    "gentl",
+    "gige",
+    "gui",
+    "plugins",
+    "replay",
+    "serial",
+}
 """Folders of tests that talk to devices or engines in real time; they run after the numerics, which fill every core."""
 
 _number = itertools.count()

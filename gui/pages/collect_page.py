@@ -38,6 +38,7 @@ class CollectPage(QWidget):
     def __init__(self, bench: Workbench, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._bench = bench
+        self._finished: Finished | None = None
         self.draft = PlanDraft(self)
         self.draft.judged.connect(self._judged)
         self._stack = QStackedWidget()
@@ -53,6 +54,16 @@ class CollectPage(QWidget):
         bench.engine.finished.connect(self._ended)
         bench.engine.failed.connect(lambda *_: self._idle())
         self._choose_kind()
+
+    @property
+    def outcome(self) -> Finished | None:
+        """How the last collect ended; None while it runs."""
+        return self._finished
+
+    @property
+    def done_share(self) -> float:
+        """Share of the collect's steps that are done."""
+        return self.bar.value() / max(self.bar.maximum(), 1)
 
     # -- the plan -----------------------------------------------------------------------------------------------------
 
@@ -232,7 +243,8 @@ class CollectPage(QWidget):
         positions = verdict.outcome.planned.positions if verdict is not None and verdict.outcome is not None else 0
         self.grid.begin(positions, channels)
         self.warnings.clear()
-        self._finished: Finished | None = None
+        self._finished = None
+        self.bar.setValue(0)
         self._running(True)
         self._stack.setCurrentIndex(1)
 

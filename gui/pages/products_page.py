@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt
@@ -11,8 +12,10 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QListWidget,
     QListWidgetItem,
+    QMenu,
     QPlainTextEdit,
     QSplitter,
+    QToolButton,
     QVBoxLayout,
     QWidget,
 )
@@ -31,6 +34,9 @@ from polfuse_lab.products.store import Products
 
 COLOURS = {"level": maps.SEQUENTIAL, "fraction": maps.FRACTION, "angle": maps.CYCLIC, "counts": "gray",
            "number": "cividis", "classes": maps.FRACTION, "colours": "gray"}  # fmt: skip
+SUFFIXES = {"png": ".png", "geotiff": ".tif", "kmz": ".kmz", "envi": "", "polsarpro": "", "sicd": ".nitf",
+            "cphd": ".cphd"}  # fmt: skip
+"""Formats of export, and how their files are called; folders have no suffix."""
 DIGITS = {"fraction": 3, "counts": 0}
 
 
@@ -60,10 +66,18 @@ class ProductsPage(QWidget):
         top.addWidget(self.where, 1)
         for text, clicked, tip in (
             (self.tr("Report…"), self._report, self.tr("One page with pictures, numbers and provenance")),
-            (self.tr("Export…"), self._export, self.tr("For other programs: GeoTIFF, KMZ, ENVI, PolSARpro, SICD, PNG")),
             (self.tr("Save view…"), self._save, self.tr("As PNG or PDF, with where it comes from")),
         ):
             top.addWidget(button(text, clicked, tip))
+        self.export_button = QToolButton()
+        self.export_button.setText(self.tr("Export"))
+        self.export_button.setToolTip(self.tr("For other programs"))
+        self.export_button.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        menu = QMenu(self.export_button)
+        for to in SUFFIXES:
+            menu.addAction(to, partial(self._export, to))
+        self.export_button.setMenu(menu)
+        top.addWidget(self.export_button)
         row = QHBoxLayout()
         row.addLayout(left, 1)
         row.addWidget(self.pictures, 4)
@@ -78,6 +92,14 @@ class ProductsPage(QWidget):
         """Show the pictures of a file."""
         self.where.setText(str(path))
         background.run(lambda: picture_names(Products(path)), self._listed, self._bench.error.emit)
+
+    def choose(self, *names: str) -> None:
+        """Choose one or two pictures by their names."""
+        self.list.clearSelection()
+        for row in range(self.list.count()):
+            item = self.list.item(row)
+            if item.data(Qt.ItemDataRole.UserRole) in names:
+                item.setSelected(True)
 
     def _listed(self, names: list[tuple[str, str]]) -> None:
         self.list.clear()
@@ -146,8 +168,8 @@ class ProductsPage(QWidget):
             if name:
                 self._bench.jobs.submit(jobs.report(self._bench.products, Path(name)))
 
-    def _export(self) -> None:
+    def _export(self, to: str) -> None:
         if self._bench.products is not None:
-            folder = QFileDialog.getExistingDirectory(self, self.tr("Where to write the exported files"))
-            if folder:
-                self._bench.jobs.submit(jobs.export(self._bench.products, Path(folder), to="png"))
+            name, _ = QFileDialog.getSaveFileName(self, self.tr("Export as {0}").format(to), f"export{SUFFIXES[to]}")
+            if name:
+                self._bench.jobs.submit(jobs.export(self._bench.products, to, Path(name)))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from polfuse_lab.jobs import Job, Prediction, predict_focus
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPlainTextEdit, QSlider, QVBoxLayout, QWidget
 
@@ -15,6 +14,7 @@ from gui.widgets.job_bar import JobBar
 from gui.widgets.layout import button, card, dim, heading, title
 from gui.workbench import Workbench
 from polfuse_lab import jobs
+from polfuse_lab.jobs import Job, Prediction, predict_focus
 from polfuse_lab.session import info
 
 TOLERANCES_DB = (-20, -30, -40, -50, -60, -70, -80)
@@ -78,6 +78,7 @@ class SessionPage(QWidget):
         column.addLayout(row, 1)
         bench.session_opened.connect(self.open)
         bench.jobs.over.connect(self._over)
+        self._predicted = False
         self._mine: dict[int, Path] = {}
         self._enable(False)
 
@@ -93,6 +94,11 @@ class SessionPage(QWidget):
         session = self._bench.session
         assert session is not None
         return session.with_name(f"{session.stem}-products.h5")
+
+    @property
+    def predicted(self) -> bool:
+        """Whether it is known how focusing would go."""
+        return self._predicted
 
     def _enable(self, on: bool) -> None:
         for made in (self.focus_button, self.optics_button, self.replay_button):
@@ -123,6 +129,7 @@ class SessionPage(QWidget):
         return float(TOLERANCES_DB[self.tolerance.value()])
 
     def _predict_soon(self) -> None:
+        self._predicted = False
         self.prediction.setText(self.tr("error at most {0:g} dB: looking how…").format(self.tolerance_db))
         self._timer.start()
 
@@ -133,6 +140,7 @@ class SessionPage(QWidget):
 
         def done(found: Prediction) -> None:
             if tolerance_db == self.tolerance_db:
+                self._predicted = True
                 self.prediction.setText(
                     self.tr("{0}: error about {1:.0f} dB, takes about {2:.1f} s\n{3}").format(
                         found.method, found.error_db, found.seconds, "; ".join(found.why)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
@@ -87,6 +89,11 @@ class SetupPage(QWidget):
             self.check_button.setText(self.tr("Checking…"))
             self.link.start(self._bench.rig)
 
+    @property
+    def all_ready(self) -> bool:
+        """Whether there are devices and each of them can be used."""
+        return bool(self.cards) and all(shown.light in ("ok", "warning") for shown in self.cards.values())
+
     # -- parts --------------------------------------------------------------------------------------------------------
 
     def _radar_part(self) -> QWidget:
@@ -114,7 +121,7 @@ class SetupPage(QWidget):
         self.target.setToolTip(self.tr("Place along the rail; 0 is the aperture's centre"))
         self.jogs = QHBoxLayout()
         for step in JOGS_M:
-            self.jogs.addWidget(button(f"{step:+g} m", lambda by=step: self.link.ask("jog", by)))
+            self.jogs.addWidget(button(f"{step:+g} m", partial(self.link.ask, "jog", step)))
         move = QHBoxLayout()
         move.addWidget(self.target, 1)
         move.addWidget(button(self.tr("Go there"), lambda: self.link.ask("move_to", self.target.value())))

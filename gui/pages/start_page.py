@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt
@@ -106,9 +107,7 @@ class StartPage(QWidget):
             )
             row = QHBoxLayout()
             row.addWidget(QLabel(words), 1)
-            row.addWidget(
-                button(self.tr("Watch it"), lambda directory=engine.directory: self._attach(directory), role="primary")
-            )
+            row.addWidget(button(self.tr("Watch it"), partial(self._attach, engine.directory), role="primary"))
             self.running.addWidget(card(row))
 
     def _attach(self, directory: Path) -> None:
@@ -172,11 +171,11 @@ def _fill(view: QListWidget, found: list[remembered.Recent], nothing: str) -> No
     view.clear()
     for recent in found:
         when = time.strftime("%Y-%m-%d %H:%M", time.localtime(recent.opened_unix_s))
-        item = QListWidgetItem(f"{recent.name}\n{recent.path.parent}   {when}")
+        item = QListWidgetItem(f"{recent.name}\n{Path(recent.path).parent}   {when}")
         item.setData(Qt.ItemDataRole.UserRole, str(recent.path) if recent.exists else None)
         if not recent.exists:
             item.setFlags(Qt.ItemFlag.NoItemFlags)
-            item.setText(f"{recent.name}\n{recent.path.parent}   not there any more")
+            item.setText(f"{recent.name}\n{Path(recent.path).parent}   not there any more")
         view.addItem(item)
     if not found:
         item = QListWidgetItem(nothing)

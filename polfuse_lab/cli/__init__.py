@@ -26,8 +26,10 @@ COMMANDS = (
     ("detect", "detect", "detect"),
     ("optics", "optics", "optics"),
     ("fuse", "fuse", "fuse"),
+    ("export", "export", "export"),
     ("report", "report", "report"),
     ("demo", "demo", "demo"),
+    ("gui", "gui", "gui"),
 )
 
 
