@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast, get_args
 
 import numpy as np
 
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.exports.formats import Exported, Request
 from polfuse_lab.polsarpro import MASK, plane_names, write_config, write_plane
 from polfuse_lab.products.polarimetric_image import polarimetric_image
 from polfuse_lab.products.store import Products
 from processing.polarimetry.matrices import covariance_of_coherency
 
 Matrix = Literal["S2", "C3", "T3"]
+
+
+def run(request: Request) -> Exported:
+    """:func:`export_polsarpro` for the command line. Raises as it does, and for an unknown matrix."""
+    if request.matrix not in (None, *get_args(Matrix)):
+        raise PolfuseError(
+            f"there is no matrix {request.matrix!r}",
+            where="export",
+            advice=f"choose from {', '.join(get_args(Matrix))}",
+        )
+    files = export_polsarpro(request.products.path, request.output, cast("Matrix | None", request.matrix))
+    return Exported(tuple(files), "scattering" if request.matrix in (None, "S2") else str(request.matrix))
 
 
 def export_polsarpro(products: Path | str, folder: Path | str, matrix: Matrix | None = None) -> list[Path]:

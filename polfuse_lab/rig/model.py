@@ -200,6 +200,19 @@ class Geometry(FileModel):
     """Where each antenna sits on the trolley; left out where all of them are taken to be at the recorded place."""
 
 
+class Site(FileModel):
+    """Where on the earth the rig stands, for exports to maps and to formats with geographic coordinates."""
+
+    latitude_deg: float = Field(ge=-90, le=90)
+    """WGS 84 latitude of the rig's origin (antennas with the trolley at the middle of the rail), degrees north."""
+    longitude_deg: float = Field(ge=-180, le=180)
+    """WGS 84 longitude of the rig's origin, degrees east."""
+    height_m: float = Field(default=0.0, ge=-1000, le=100_000)
+    """Height of the rig's origin above the WGS 84 ellipsoid (as satellite navigation tells it), m."""
+    heading_deg: float = Field(ge=-360, le=360)
+    """Direction away from the rail (y), clockwise from true north, degrees: 90 looks east."""
+
+
 class Rig(FileModel):
     """A whole rig."""
 
@@ -221,6 +234,9 @@ class Rig(FileModel):
     """Polarizer; left out for radar-only rigs and for a camera with a mosaic of polarizers."""
     source_polarizer: PolarizerSection | None = None
     """Polarizer in front of the light source, for the active mode (thesis 6.3); left out where there is none."""
+
+    site: Site | None = None
+    """Where on the earth the rig stands; left out where nobody needs to know."""
 
     @model_validator(mode="after")
     def _optics_together(self) -> Rig:
