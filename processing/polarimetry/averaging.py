@@ -65,7 +65,7 @@ def _average_row(planes: NDArray[Any], defined: NDArray[np.bool_], reach: int, m
     count, rows, columns = planes.shape
     above, below = max(row - reach, 0), min(row + reach + 1, rows)
     sums = np.zeros(columns + 2 * reach)
-    inverse = np.empty(columns)
+    inverse, totals = np.empty(columns), np.empty(columns)
     for r in range(above, below):
         for c in range(columns):
             sums[c + reach] += 1.0 if defined[r, c] else 0.0
@@ -79,8 +79,10 @@ def _average_row(planes: NDArray[Any], defined: NDArray[np.bool_], reach: int, m
         for r in range(above, below):
             for c in range(columns):
                 sums[c + reach] += planes[plane, r, c] if defined[r, c] else 0.0
+        # Pixels of a row in the inner loop: independent sums, which the compiler makes several of at a time.
+        totals[:] = 0.0
+        for k in range(2 * reach + 1):
+            for c in range(columns):
+                totals[c] += sums[c + k]
         for c in range(columns):
-            total = 0.0
-            for k in range(2 * reach + 1):
-                total += sums[c + k]
-            made[plane, row, c] = total * inverse[c]
+            made[plane, row, c] = totals[c] * inverse[c]

@@ -166,7 +166,7 @@ def _over_threshold(
     values: Floats, level: Floats, counts: NDArray[np.int64], false_alarm: float, looks: float, kind: Kind
 ) -> Floats:
     factors = np.full(int(counts.max(initial=0)) + 1, np.nan)
-    for count in np.unique(counts):
+    for count in np.flatnonzero(np.bincount(counts.ravel())):
         if count >= FEWEST:
             factors[count] = factor(int(count), false_alarm=false_alarm, looks=looks, kind=kind)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -191,29 +191,31 @@ def _mean_row(
     """Sums of columns, whole and without the guarded rows, so that nothing strong is added and taken away again."""
     rows, columns = values.shape
     whole, ring = np.zeros(columns + 2 * outer), np.zeros(columns + 2 * outer)
-    many, few = np.zeros(columns + 2 * outer, dtype=np.int64), np.zeros(columns + 2 * outer, dtype=np.int64)
+    many, few = np.zeros(columns + 2 * outer), np.zeros(columns + 2 * outer)
     for r in range(max(row - outer, 0), min(row + outer + 1, rows)):
+        part = 1.0 if abs(r - row) > guard else 0.0
         for c in range(columns):
             value = values[r, c]
-            if not np.isnan(value):
-                whole[c + outer] += value
-                many[c + outer] += 1
-                if abs(r - row) > guard:
-                    ring[c + outer] += value
-                    few[c + outer] += 1
+            number = 0.0 if np.isnan(value) else 1.0
+            kept = 0.0 if np.isnan(value) else value
+            whole[c + outer] += kept
+            many[c + outer] += number
+            ring[c + outer] += kept if part > 0.0 else 0.0
+            few[c + outer] += number * part
+    # Pixels of the row in the inner loop: independent sums, which the compiler makes several of at a time.
+    total, count = np.zeros(columns), np.zeros(columns)
+    for k in range(2 * outer + 1):
+        if abs(k - outer) > guard:
+            for c in range(columns):
+                total[c] += whole[c + k]
+                count[c] += many[c + k]
+        else:
+            for c in range(columns):
+                total[c] += ring[c + k]
+                count[c] += few[c + k]
     for c in range(columns):
-        total, count = 0.0, 0
-        for k in range(c, c + outer - guard):
-            total += whole[k]
-            count += many[k]
-        for k in range(c + outer - guard, c + outer + guard + 1):
-            total += ring[k]
-            count += few[k]
-        for k in range(c + outer + guard + 1, c + 2 * outer + 1):
-            total += whole[k]
-            count += many[k]
-        counts[row, c] = count
-        level[row, c] = total / count if count else np.nan
+        counts[row, c] = int(count[c])
+        level[row, c] = total[c] / count[c] if count[c] > 0.0 else np.nan
 
 
 @njit(cache=True, nogil=True)
