@@ -91,6 +91,21 @@ def _calibration(products: Products) -> list[Number]:
     return found
 
 
+def _analysis(products: Products) -> list[Number]:
+    settings = products.settings("analysis")
+    repeats = f"mean of {settings['repeats']}" if settings["repeats"] > 1 else "one measurement"
+    note = f"peak of the strip of {100 * settings['strip_m']:.0f} cm at the target, {repeats}"
+    found = []
+    for name, peak in settings["peaks"].items():
+        key, unit = ("rcs_dbsm", "dBsm") if settings["calibrated"] else ("power_db", "dB")
+        found.append(Number(f"Target in {name}", _number(peak, key), unit, peak.get("sd_db"), note))
+    near = settings["near_field"]
+    if near is not None and near["distance_m"] < near["far_field_m"]:
+        told = f"target at {near['distance_m']:.1f} m, far field from {near['far_field_m']:.1f} m; over the closed form"
+        found += [Number(f"Near field in {k}", float(v), "dB", note=told) for k, v in near["correction_db"].items()]
+    return found
+
+
 def _optics(products: Products) -> list[Number]:
     arrays, settings = products.read("optics"), products.settings("optics")
     defined = np.isfinite(arrays["dolp"])
@@ -138,6 +153,7 @@ _NUMBERS: dict[str, Callable[[Products], list[Number]]] = {
     "ranging": _ranging,
     "focus": _focus,
     "calibration": _calibration,
+    "analysis": _analysis,
     "optics": _optics,
     "fusion": _fusion,
 }

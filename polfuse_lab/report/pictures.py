@@ -87,6 +87,26 @@ def _calibration(products: Products) -> list[Picture]:
     ]
 
 
+def _analysis(products: Products) -> list[Picture]:
+    from polfuse_lab.products.figures_analysis import figures_of
+
+    captions = {
+        "analysis": (
+            "Target against range",
+            "Mean of a strip around the target, in received power and after calibration, as thesis Fig. 5.17 and 5.19; "
+            "the dotted line is the target's range, bands are one standard deviation of a repeat.",
+        ),
+        "matrices": (
+            "Scattering matrix of the target's region",
+            "Relative to HH, from mean received powers as thesis 5.11 and from complex amplitudes: powers do not tell "
+            "a trihedral from a dihedral, whose VV has the opposite sign.",
+        ),
+        "sky": ("The sky", "What the radar receives from the clear sky, and what of it is noise (thesis Fig. 5.21)."),
+    }
+    drawn = figures_of(products.read("analysis"), products.settings("analysis"))
+    return [_picture(name, *captions[name], figure) for name, figure in drawn.items()]
+
+
 def _polarimetry(products: Products) -> list[Picture]:
     from polfuse_lab.products.figures_fusion import lexicographic_figure, pauli_figure
 
@@ -146,6 +166,7 @@ _PICTURES: dict[str, Callable[[Products], list[Picture]]] = {
     "ranging": _ranging,
     "focus": _focus,
     "calibration": _calibration,
+    "analysis": _analysis,
     "polarimetry": _polarimetry,
     "optics": _optics,
     "fusion": _fusion,

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.calibration.facets import Face, FacetTarget
+from processing.calibration.quadrature import cross_products
 
 Floats = NDArray[np.float64]
 
@@ -105,7 +106,7 @@ def _mirror(face: Face) -> tuple[Floats, Floats]:
 def _beyond(eye: Floats, window: Floats) -> list[tuple[Floats, float]] | None:
     """Half-spaces ``n . r >= c`` of what ``eye`` sees through a window and beyond it; None where it is edge-on."""
     centre = window.mean(axis=0)
-    normal = np.cross(window[1] - window[0], window[2] - window[0])
+    normal = cross_products(window[1] - window[0], window[2] - window[0])
     normal /= np.linalg.norm(normal)
     height = float(normal @ (eye - centre))
     size = float(np.linalg.norm(window - centre, axis=1).max())
@@ -113,13 +114,13 @@ def _beyond(eye: Floats, window: Floats) -> list[tuple[Floats, float]] | None:
         return None
     behind = -np.sign(height) * normal
     found = [(behind, float(behind @ centre))]
-    for first, second in zip(window, np.roll(window, -1, axis=0), strict=True):
-        side = np.cross(first - eye, second - eye)
-        length = np.linalg.norm(side)
-        if length == 0:
-            return None
-        side *= np.sign(side @ (centre - eye)) / length
-        found.append((side, float(side @ eye)))
+    towards = window - eye
+    sides = cross_products(towards, np.concatenate([towards[1:], towards[:1]]))
+    lengths = np.sqrt((sides * sides).sum(axis=1))
+    if not lengths.all():
+        return None
+    sides *= (np.sign(sides @ (centre - eye)) / lengths)[:, None]
+    found.extend((side, float(side @ eye)) for side in sides)
     return found
 
 

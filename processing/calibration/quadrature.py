@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ def polygon_quadrature(corners_m: Floats, step_m: float) -> tuple[Floats, Floats
     points, weights = [], []
     start = corners_m[0]
     for second, third in itertools.pairwise(corners_m[1:]):
-        area = 0.5 * float(np.linalg.norm(np.cross(second - start, third - start)))
+        area = 0.5 * float(np.linalg.norm(cross_products(second - start, third - start)))
         if area == 0:
             continue
         longest = max(float(np.linalg.norm(edge)) for edge in (second - start, third - second, start - third))
@@ -42,6 +43,14 @@ def polygon_quadrature(corners_m: Floats, step_m: float) -> tuple[Floats, Floats
     return np.concatenate(points), np.concatenate(weights)
 
 
+def cross_products(first: Floats, second: Floats) -> Floats:
+    """Cross products along the last axis, (..., 3): ``np.cross``, several times faster for a few vectors."""
+    ax, ay, az = first[..., 0], first[..., 1], first[..., 2]
+    bx, by, bz = second[..., 0], second[..., 1], second[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+@lru_cache(maxsize=256)
 def _small_triangles(parts: int) -> Floats:
     """Barycentric coordinates (7 parts^2, 3) of the rule on a triangle cut into ``parts``^2 equal ones."""
     i, j = np.meshgrid(np.arange(parts), np.arange(parts), indexing="ij")
@@ -55,4 +64,6 @@ def _small_triangles(parts: int) -> Floats:
         [(low[upright][:, None] + inner).reshape(-1, 2), (high[turned][:, None] - inner).reshape(-1, 2)]
     )
     plane /= parts
-    return np.column_stack([1 - plane.sum(axis=1), plane])
+    found = np.column_stack([1 - plane.sum(axis=1), plane])
+    found.setflags(write=False)
+    return found
