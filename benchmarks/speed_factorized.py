@@ -23,8 +23,8 @@ from processing.sar.factorized import factorized
 from processing.sar.grid import ImageGrid
 
 CENTRE_HZ, BANDWIDTH_HZ, RANGE_M, HEIGHT_M, PIXEL_M = 15e9, 750e6, 8e3, 3e3, 0.16
-OVERSAMPLING = 4
-"""Range bins per cell that ours reads; the transform is part of its time."""
+OVERSAMPLING = {-50.0: 2, -70.0: 3}
+"""Range bins per cell that ours reads for a tolerance; the transform is part of its time."""
 
 
 def scene(side: int, pulses: int, targets: int = 40) -> tuple[PhaseHistory, NDArray[np.float64]]:
@@ -67,7 +67,7 @@ def exact(
 
 def ours(history: PhaseHistory, grid: ImageGrid, tolerance_db: float) -> NDArray[np.complex64]:
     """Range transform and image, as ``polfuse focus --method ffbp`` does it."""
-    profiles = history_profiles(history, window="rectangular", oversampling=OVERSAMPLING)
+    profiles = history_profiles(history, window="rectangular", oversampling=OVERSAMPLING[tolerance_db])
     return factorized(profiles, grid, tolerance_db=tolerance_db)[0]
 
 
@@ -147,7 +147,7 @@ def _growth(quick: bool) -> Row:
     best = []
     for side in sides:
         history, _ = scene(int(side), int(side * 1.17), targets=1)
-        profiles = history_profiles(history, window="rectangular", oversampling=OVERSAMPLING)
+        profiles = history_profiles(history, window="rectangular", oversampling=OVERSAMPLING[-50.0])
         axis = (np.arange(side) - side / 2) * PIXEL_M
         grid = ImageGrid(axis, axis, 0.0)
         factorized(profiles, grid)

@@ -17,8 +17,8 @@ from processing.radar.profiles import RangeProfiles
 from processing.radar.ridges import best_path
 from processing.sar.backprojection import backproject
 from processing.sar.factorized import factorized
-from processing.sar.factorized_plan import Settings
 from processing.sar.grid import ImageGrid
+from processing.sar.polar_format import polar_format
 from processing.sar.range_migration import range_migration
 
 
@@ -40,8 +40,8 @@ def warm_up() -> None:
     # A single position goes into a live image by a kernel of its own.
     backproject(replace(profiles, values=profiles.values[:, :1], antenna_m=antenna_m[:1]), grid)
     range_migration(profiles, grid)
-    for settings in (Settings(8, 1.8, 1.8), Settings(12, 2.0, 2.4)):  # one kernel for each height of a patch
-        factorized(profiles, grid, settings=settings)
+    polar_format(profiles, ImageGrid(np.linspace(-0.5, 0.5, 8), np.linspace(9.5, 10.5, 8), -1.0))
+    factorized(profiles, grid)
 
     angles = np.radians([0.0, 45.0, 90.0, 135.0])
     series = PolarizerSeries(

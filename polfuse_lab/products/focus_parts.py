@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -117,9 +116,7 @@ def rail_order(antenna_m: NDArray[np.float64], session: Session) -> NDArray[np.i
 
 def along_the_rail(profiles: RangeProfiles, session: Session) -> RangeProfiles:
     """Profiles in the order of :func:`rail_order`."""
-    order = rail_order(profiles.antenna_m, session)
-    noise = None if profiles.noise is None else profiles.noise[:, order]
-    return replace(profiles, values=profiles.values[:, order], antenna_m=profiles.antenna_m[order], noise=noise)
+    return profiles.at_positions(rail_order(profiles.antenna_m, session))
 
 
 def step_m(profiles: RangeProfiles) -> float:

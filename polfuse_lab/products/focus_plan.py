@@ -11,11 +11,15 @@ from numpy.typing import NDArray
 
 from polfuse_lab.products.antennas import CHANNELS, antenna_pairs
 from polfuse_lab.session import Session
+from polfuse_lab.session.runs import gapless_runs
 from processing.errors import DataError
 from processing.radar.profiles import RangeProfiles
-from processing.sar.aperture import even_track, widest_angle_rad
+from processing.sar.aperture import widest_angle_rad
+from processing.sar.continuous import sweep_motion
 from processing.sar.grid import ImageGrid
 from processing.sar.planner import Choice, Task
+from processing.sar.polar_format_geometry import polar_forecast
+from processing.sar.straight_track import straight_track
 
 FINEST_SHOWN = (4, 6, 8, 12, 16)
 """Bins per resolution cell that a session's profiles may have: pictures and calibration read them as well."""
@@ -37,6 +41,7 @@ def task_of(profiles: RangeProfiles, grid: ImageGrid, oversampling: int | None, 
         profiles.antenna_m, grid, oversampling, compensated, profiles.window,
         channels=len(profiles.channels), wavelength_m=profiles.wavelength_m, bandwidth_hz=profiles.bandwidth_hz,
         furthest_m=float(profiles.range_m[-1]), apart=profiles.pairs is not None,
+        moving=sweep_motion(profiles).modelled,
     )  # fmt: skip
 
 
@@ -48,7 +53,7 @@ def task_before(session: Session, grid: ImageGrid, window: str, compensated: boo
         np.column_stack([x, np.zeros((len(x), 2))]), grid, None, compensated, window,
         channels=len(np.unique(session.sweeps["channel"])), wavelength_m=waveform.wavelength_m,
         bandwidth_hz=waveform.bandwidth_hz, furthest_m=furthest_m,
-        apart=antenna_pairs(session.rig, CHANNELS) is not None,
+        apart=antenna_pairs(session.rig, CHANNELS) is not None, moving=bool(gapless_runs(session)),
     )  # fmt: skip
 
 
@@ -64,10 +69,11 @@ def _task(
     bandwidth_hz: float,
     furthest_m: float,
     apart: bool,
+    moving: bool,
 ) -> Task:
     try:
         # Antennas apart are no single rail, which is what range migration asks for.
-        residual: float | None = None if apart else even_track(antenna_m).residual_m
+        residual: float | None = None if apart or moving else straight_track(antenna_m, wavelength_m).residual_m
     except DataError:
         residual = None
     return Task(
@@ -85,6 +91,8 @@ def _task(
         antenna_m=antenna_m,
         grid=grid,
         bandwidth_hz=bandwidth_hz,
+        moving=moving,
+        polar=None if apart or moving or compensated else polar_forecast(antenna_m, grid, wavelength_m, bandwidth_hz),
     )
 
 

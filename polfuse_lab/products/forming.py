@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.products.passes import spacing_weights
+from processing.errors import DataError
 from processing.radar.profiles import RangeProfiles
 from processing.sar.aperture import aperture_window
 from processing.sar.backprojection import backproject, backproject_reference
+from processing.sar.continuous import Motion, sweep_motion
 from processing.sar.factorized import factorized
 from processing.sar.grid import ImageGrid
 from processing.sar.planner import Choice
+from processing.sar.polar_format import polar_format
 from processing.sar.range_migration import range_migration
 
 
@@ -37,6 +40,11 @@ def position_weights(profiles: RangeProfiles, aperture: str, *, passes: bool) ->
     return weighted
 
 
+def motion_model(profiles: RangeProfiles) -> Motion:
+    """``"moving"`` or ``"still"``: decided by all positions, so that parts of them are not treated differently."""
+    return "moving" if sweep_motion(profiles).modelled else "still"
+
+
 def form_channels(
     profiles: RangeProfiles,
     grid: ImageGrid,
@@ -47,21 +55,21 @@ def form_channels(
 ) -> NDArray[np.complexfloating]:
     """(channels, ny, nx) complex64 image by the method chosen; where no two channels share a position, each channel
     from its own positions alone. Raises :class:`DataError` as the method does."""
+    motion = motion_model(profiles)
     present = own_positions(profiles)
     if present is None or len(present) == 1:
-        return _form(profiles, grid, choice, weights, beamwidth_rad, depression_rad)
+        return _form(profiles, grid, choice, weights, beamwidth_rad, depression_rad, motion)
     images = []
     for channel, own in enumerate(present):
-        noise = None if profiles.noise is None else profiles.noise[channel : channel + 1, own]
+        here = profiles.at_positions(own)
         alone = replace(
-            profiles,
-            values=profiles.values[channel : channel + 1, own],
-            antenna_m=profiles.antenna_m[own],
-            channels=(profiles.channels[channel],),
-            noise=noise,
-            pairs=None if profiles.pairs is None else profiles.pairs[channel : channel + 1],
+            here,
+            values=here.values[channel : channel + 1],
+            channels=(here.channels[channel],),
+            noise=None if here.noise is None else here.noise[channel : channel + 1],
+            pairs=None if here.pairs is None else here.pairs[channel : channel + 1],
         )
-        images.append(_form(alone, grid, choice, weights[own], beamwidth_rad, depression_rad))
+        images.append(_form(alone, grid, choice, weights[own], beamwidth_rad, depression_rad, motion))
     return np.concatenate(images)
 
 
@@ -72,14 +80,21 @@ def _form(
     weights: NDArray[np.float64],
     beamwidth_rad: float | None,
     depression_rad: float,
+    motion: Motion,
 ) -> NDArray[np.complexfloating]:
     pattern: dict[str, Any] = {"beamwidth_rad": beamwidth_rad, "depression_rad": depression_rad}
     if choice.method == "rma":
         return range_migration(profiles, grid, weights=weights, **pattern)
+    if choice.method == "pfa":
+        if beamwidth_rad is not None:
+            raise DataError("polar format does not compensate the antennas' pattern", "leave that out, or choose bp")
+        return polar_format(profiles, grid, weights=weights)
     if choice.method == "ffbp":
         tolerance = choice.settings_db or choice.predicted_error_db
         return factorized(profiles, grid, tolerance_db=tolerance, weights=weights, **pattern)
     if choice.method == "reference":
-        exact = backproject_reference(profiles, grid, interpolator=choice.interpolator, weights=weights, **pattern)
+        exact = backproject_reference(
+            profiles, grid, interpolator=choice.interpolator, weights=weights, motion=motion, **pattern
+        )
         return exact.astype(np.complex64)
-    return backproject(profiles, grid, interpolator=choice.interpolator, weights=weights, **pattern)
+    return backproject(profiles, grid, interpolator=choice.interpolator, weights=weights, motion=motion, **pattern)

@@ -37,6 +37,8 @@ class PassSweeps:
     """(sweeps,) at the middle of each up-ramp; NaN where it is not known."""
     sd_m: NDArray[np.float64]
     """(sweeps,) standard uncertainty of ``x_m``."""
+    speed_m_s: NDArray[np.float64]
+    """(sweeps,) speed along x, the mean over the up-ramp; NaN where it is not known."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,10 @@ class PassProfiles:
     sd_m: NDArray[np.float64]
     """(places,) standard uncertainty of x."""
     channels: tuple[Channel, ...]
+    velocity_m_s: NDArray[np.float64]
+    """(places, 3) of the trolley while it swept."""
+    ramp_s: float
+    """Length of the up-ramp."""
 
 
 def pass_sweeps(session: Session) -> list[PassSweeps]:
@@ -75,7 +81,12 @@ def pass_sweeps(session: Session) -> list[PassSweeps]:
         times_ns, time_sd_s = sample_times(session, run.indices[0], middles)
         # Without clock fixes the time's uncertainty is unknown, but the record's own stamp is good enough for a place.
         x_m, sd_m = track.at(times_ns, np.nan_to_num(time_sd_s, nan=0.0))
-        found.append(PassSweeps(run, samples, sync, x_m, sd_m))
+        ends = [
+            sample_times(session, run.indices[0], sync.starts + share * sync.ramp_samples)[0] for share in (0.0, 1.0)
+        ]
+        ramp_s = sync.ramp_samples / session.sample_rate_hz
+        speed = (track.at(ends[1])[0] - track.at(ends[0])[0]) / ramp_s
+        found.append(PassSweeps(run, samples, sync, x_m, sd_m, speed))
     if not found:
         what = "holds no usable pass" if refused is None else f"no pass can be used: {refused.what}"
         raise PolfuseError(what, where=str(session.path), advice="record again" if refused is None else refused.advice)
@@ -102,7 +113,7 @@ def pass_profiles(session: Session, axis: NDArray[np.float64], window: str) -> P
     ramp = float(np.median(np.concatenate([item.sync.ends - item.sync.starts for item in sweeps])))
     cell_m = CELL_WAVELENGTHS * waveform.wavelength_m
     channels = tuple(sorted({item.run.channel for item in sweeps}))
-    rows: list[tuple[int, NDArray[np.complex128], float, float, float]] = []
+    rows: list[tuple[int, NDArray[np.complex128], float, float, float, float]] = []
     for item in sweeps:
         cut = cut_sweeps(item.samples, item.sync, ramp_samples=ramp)
         profiles = compress(
@@ -114,7 +125,8 @@ def pass_profiles(session: Session, axis: NDArray[np.float64], window: str) -> P
             range_offset_m=0.0 if session.rig is None else session.rig.geometry.range_offset_m,
         )
         x_m, sd_m = item.x_m[: len(profiles)], item.sd_m[: len(profiles)]
-        known = np.isfinite(x_m) & (sd_m <= WORST_SD_WAVELENGTHS * waveform.wavelength_m)
+        speed = item.speed_m_s[: len(profiles)]
+        known = np.isfinite(x_m + speed) & (sd_m <= WORST_SD_WAVELENGTHS * waveform.wavelength_m)
         cells = np.where(known, np.floor(np.nan_to_num(x_m) / cell_m), np.nan)
         for cell in np.unique(cells[known]):
             members = np.flatnonzero(cells == cell)
@@ -125,6 +137,7 @@ def pass_profiles(session: Session, axis: NDArray[np.float64], window: str) -> P
                     noise_of_average(profiles[members]),
                     float(x_m[members].mean()),
                     float(sd_m[members].max()),
+                    float(speed[members].mean()),
                 )
             )
     if not rows:
@@ -136,10 +149,12 @@ def pass_profiles(session: Session, axis: NDArray[np.float64], window: str) -> P
     values = np.full((len(channels), len(rows), len(axis)), np.nan + 1j * np.nan, dtype=np.complex128)
     noise = np.full(values.shape[:2], np.nan)
     antenna = np.zeros((len(rows), 3))
-    for place, (channel, profile, power, x, _) in enumerate(rows):
+    velocity = np.zeros((len(rows), 3))
+    for place, (channel, profile, power, x, _, speed_m_s) in enumerate(rows):
         values[channel, place], noise[channel, place] = profile, power
-        antenna[place, 0] = x
-    return PassProfiles(values, noise, antenna, np.array([row[4] for row in rows]), channels)
+        antenna[place, 0], velocity[place, 0] = x, speed_m_s
+    sd_m = np.array([row[4] for row in rows])
+    return PassProfiles(values, noise, antenna, sd_m, channels, velocity, ramp / session.sample_rate_hz)
 
 
 def spacing_weights(antenna_m: NDArray[np.float64], present: NDArray[np.bool_]) -> NDArray[np.float64]:

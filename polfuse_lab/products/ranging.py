@@ -164,6 +164,8 @@ class ProfileSource:
             range_compensated=self._compensated,
             noise=noise,
             pairs=antenna_pairs(self._session.rig, self.channels),
+            velocity_m_s=None if self._passes is None else self._passes.velocity_m_s,
+            ramp_s=None if self._passes is None else self._passes.ramp_s,
         )
 
 

@@ -10,7 +10,7 @@ import hashlib
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -274,7 +274,7 @@ def _range(
         0,
         {"ranging/range_m": ((everything,), source.range_m), "ranging/antenna_m": ((everything, everything), antenna)},
     )
-    return replace(source.described(marks, None), antenna_m=antenna)
+    return source.described(marks, None).at_positions(order, marks)
 
 
 def _form(growing: GrowingStages, job: TileJob, pieces: Cut, scale: Scale) -> None:

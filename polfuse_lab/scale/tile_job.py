@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.forming import motion_model
 from polfuse_lab.products.growing import RawArray
 from processing.radar.profiles import RangeProfiles
 from processing.sar.backprojection import LiveImage, pulses_in_block
@@ -67,10 +68,11 @@ class TileJob:
     def _form(self, tile: GridTile, group: list[int]) -> NDArray[np.complex64]:
         used = np.flatnonzero(self.present[group].any(axis=0) & (self.weights > 0))
         antenna = self.outline.antenna_m[used]
+        seen = self.outline.at_positions(used)
         some = replace(
-            self.outline,
-            values=self.outline.values[group][:, used],
-            antenna_m=antenna,
+            seen,
+            values=seen.values[group],
+            noise=None,
             channels=tuple(self.outline.channels[c] for c in group),
             pairs=None if self.outline.pairs is None else tuple(self.outline.pairs[c] for c in group),
         )
@@ -82,10 +84,12 @@ class TileJob:
             track_m=antenna,
         )
         step = pulses_in_block(some, self.interpolator)
+        motion = motion_model(self.outline)
         for first in range(0, len(used), step):
             block = used[first : first + step]
             values = np.stack([self._read(channel, block) for channel in group])
-            live.add(replace(some, values=values, antenna_m=self.outline.antenna_m[block]), weights=self.weights[block])
+            here = some.at_positions(np.arange(first, first + len(block)), values)
+            live.add(here, weights=self.weights[block], motion=motion)
         return live.finish()
 
     def _read(self, channel: int, positions: NDArray[np.intp]) -> NDArray[np.complex64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,24 @@ class RangeProfiles:
     """(positions, 3) velocity of the platform while it recorded. None: it stood still."""
     ramp_s: float | None = None
     """Length of the ramp, needed with ``velocity_m_s`` alone. None: not known (or no ramps: pulses)."""
+
+    def at_positions(
+        self, chosen: NDArray[np.integer] | NDArray[np.bool_], values: NDArray[np.complexfloating] | None = None
+    ) -> RangeProfiles:
+        """The same of some positions, or in another order.
+
+        Args:
+            chosen: indices of positions, or (positions,) which.
+            values: (channels, chosen positions, bins) instead of those held here.
+        """
+        return replace(
+            self,
+            values=self.values[:, chosen] if values is None else values,
+            antenna_m=self.antenna_m[chosen],
+            noise=None if self.noise is None else self.noise[:, chosen],
+            start_m=None if self.start_m is None else self.start_m[chosen],
+            velocity_m_s=None if self.velocity_m_s is None else self.velocity_m_s[chosen],
+        )
 
     @property
     def range_step_m(self) -> float:

@@ -1,9 +1,9 @@
 """Fast factorized back-projection: back-projection's sum for any track, at a cost of N^2 log N.
 
 Small parts of the aperture are back-projected exactly onto coarse polar grids, then merged, part by part, onto finer
-ones and at last onto the image (:mod:`processing.sar.factorized_plan`). Interpolation is by a Kaiser-windowed sinc of
-eight samples along range and eight or twelve along the angle; how finely the grids are sampled follows from the
-tolerance. All geometry and phase is float64, samples are complex64. What it is measured against:
+ones and at last onto the image (:mod:`processing.sar.factorized_plan`). Interpolation reads eight samples along range
+and eight along the angle, by filters of least error over the grids' bands (:mod:`processing.sar.filter_design`); how
+finely the grids are sampled follows from the tolerance. All geometry and phase is float64, samples are complex64. What it is measured against:
 :func:`processing.sar.backprojection.backproject_reference`.
 """
 
@@ -53,7 +53,7 @@ def factorized(
         profiles: (channels, positions, bins), any track, one or two antennas for each channel; profiles that are NaN
             throughout count as missing.
         grid: where to form the image: a plane, all of it on one side of the track.
-        tolerance_db: largest error, dB below the image; -70 is reached with range profiles of four bins per cell.
+        tolerance_db: largest error, dB below the image; -70 is reached with range profiles of three bins per cell.
         settings: instead of those that the tolerance asks for.
         weights: (positions,) window along the aperture; rectangular where left out.
         beamwidth_rad: half-power beam width of one antenna for pattern compensation; none where left out.
@@ -88,16 +88,21 @@ def factorized(
         )
         levels = plan_levels(track, border, z, settings, x.size)
         axis = boresight(depression_rad)
-        formed = _form(profiles, pulses, channels, order, track, levels, settings, (x, y, z), axis, exponent)
+        whole = len(channels) == len(image)
+        formed = image if whole else np.empty((len(channels), *grid.shape), dtype=np.complex64)
+        _form(profiles, pulses, channels, order, track, levels, settings, (x, y, z), axis, exponent, formed)
         reach = sum(COLUMNS / 2 * float(level.step[:, 0].max()) for level in levels)
         last = profiles.range_step_m * (len(profiles.range_m) - 1)
-        image[np.ix_(channels)] = np.where(off_profiles(track, levels[0], x, y, z, last, reach), np.nan, formed)
+        formed[:, off_profiles(track, levels[0], x, y, z, last, reach)] = np.nan
+        if not whole:
+            image[channels] = formed
         for c in channels:
             if beamwidth_rad is None:
                 image[c] /= np.float32(pulses.weights[c].sum())
             else:
                 image[c] /= gain_sum(track, pulses.weights[c, order], x, y, z, axis, exponent)
-    image[:, hidden] = np.nan
+    if hidden.any():
+        image[:, hidden] = np.nan
     return image
 
 
@@ -135,23 +140,21 @@ def _form(
     places: tuple[NDArray[np.float64], NDArray[np.float64], float],
     axis: NDArray[np.float64],
     exponent: float,
-) -> NDArray[np.complex64]:
-    """Weighted sums of a group's channels at all pixels."""
-    from processing.sar.factorized_kernel import form_parts, kernels_for
+    image: NDArray[np.complex64],
+) -> None:
+    """Weighted sums of a group's channels at all pixels, put into ``image`` (channels, rows, columns)."""
+    from processing.sar.factorized_kernel import kernels_for
+    from processing.sar.factorized_parts import form_parts
 
     x, y, z = places
     turns = 2 * profiles.centre_hz / SPEED_OF_LIGHT_M_S
     chosen = pulses.values if len(channels) == len(pulses.values) else pulses.values[channels]
-    values = np.ascontiguousarray(chosen, dtype=np.complex64)
     count = len(channels)
-    samples = np.empty(levels[0].samples * count, np.complex64)
-    form_parts(
-        _flat(values), np.ascontiguousarray(pulses.weights[channels]), order, track.transmit_m, track.receive_m,
-        track.start_m, values.shape[2], 1.0 / profiles.range_step_m, turns,
-        column_table(profiles.resolution_m / profiles.range_step_m).ravel(), axis, exponent, z, levels[0].first,
-        *_tables(levels[0]), _jobs(levels[0]), _flat(samples),
+    samples = form_parts(
+        chosen, pulses.weights[channels], order, track, levels[0], step_m=profiles.range_step_m, axis=axis,
+        exponent=exponent, z_m=z,
     )  # fmt: skip
-    del values, chosen
+    del chosen
     merge, form = kernels_for(settings.rows)
     filters = (
         row_table(settings.rows, settings.angle_oversampling).ravel(),
@@ -164,9 +167,7 @@ def _form(
             _flat(merged),
         )  # fmt: skip
         samples = merged
-    image = np.empty((count, *x.shape), dtype=np.complex64)
     form(*_tables(levels[-1]), _flat(samples), turns, *filters, x, y, z, image)
-    return image
 
 
 def _flat(samples: NDArray[np.complex64]) -> NDArray[np.float32]:

@@ -15,6 +15,9 @@ from scipy.interpolate import RectBivariateSpline
 from processing.sar.factorized_plan import BORDER, Level, Track, scene_border
 from processing.sar.patch_sum import PLACES, types
 
+PULSES = 64
+"""Pulses whose ranges to the border are in memory at a time."""
+
 GAIN_NODES = 49
 """Rows and columns at which the sum of squared patterns is evaluated; between them its logarithm is a cubic spline."""
 
@@ -79,12 +82,13 @@ def _all_on_profiles(
         )
     ]
     slack = 0.5 * sum(apart)
-    for transmit, receive, start in zip(track.transmit_m, track.receive_m, track.start_m, strict=True):
+    for first in range(0, len(track.start_m), PULSES):
+        some = slice(first, first + PULSES)
         there, back = (
-            np.sqrt(np.sum((border - antenna[:2]) ** 2, axis=1) + (z_m - antenna[2]) ** 2)
-            for antenna in (transmit, receive)
+            np.sqrt(np.sum((border - antenna[some, None, :2]) ** 2, axis=2) + (z_m - antenna[some, None, 2]) ** 2)
+            for antenna in (track.transmit_m, track.receive_m)
         )
-        path = 0.5 * (there + back) - start
+        path = 0.5 * (there + back) - track.start_m[some, None]
         if path.min() - slack < reach_m or path.max() + slack > last_m - reach_m:
             return False
     return True

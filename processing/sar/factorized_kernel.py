@@ -1,4 +1,4 @@
-"""The compiled kernels of factorized back-projection: exact smallest parts, merging of parts, and the image.
+"""The compiled kernels of factorized back-projection: merging of parts, and the image.
 
 Each works on lines of up to ``BLOCK`` places. A first loop, which the compiler turns into vectors, finds where each
 place lies on a part's grid and by how many turns its phase differs, in float64; a second one reads and sums the samples
@@ -21,7 +21,7 @@ BLOCK = 64
 """Places of a line that one turn of the loops holds; their buffers stay in the core's own cache."""
 
 CHUNK = 16
-"""Pulses or parts that are summed at a time."""
+"""Parts that are summed at a time."""
 
 # Reordering and contraction only: nothing here may assume that numbers are finite.
 _MATH = {"contract", "reassoc", "nsz", "arcp"}
@@ -63,135 +63,6 @@ def _line(
         excess[i] = min(left, 0.0)
         x[i] = frame[part, 0] + along * frame[part, 3] + ahead * frame[part, 5]
         y[i] = frame[part, 1] + along * frame[part, 4] + ahead * frame[part, 6]
-
-
-@njit(inline="always", fastmath=_MATH, error_model="numpy")
-def _read_pulse(
-    transmit: Any, receive: Any, start: float, bins: int, bins_per_m: float, turns_per_m: float, axis: Any,
-    exponent: float, z: float, count: int, r: Any, x: Any, y: Any, excess: Any, place: Any, entry: Any, fraction: Any,
-    cosine: Any, sine: Any,
-) -> None:  # fmt: skip
-    """Where one pulse's profile is to be read for a line of places, and the phase to turn it by."""
-    tz, rz = z - transmit[2], z - receive[2]
-    same = transmit[0] == receive[0] and transmit[1] == receive[1] and tz == rz
-    for i in range(count):
-        dx, dy = x[i] - transmit[0], y[i] - transmit[1]
-        path = math.sqrt(max(dx * dx + dy * dy + tz * tz + excess[i], 1e-12))
-        if not same:
-            ex, ey = x[i] - receive[0], y[i] - receive[1]
-            path = 0.5 * (path + math.sqrt(max(ex * ex + ey * ey + rz * rz + excess[i], 1e-12)))
-        at = (path - start) * bins_per_m
-        held = min(max(at, COLUMNS // 2 - 1.0), bins - COLUMNS // 2 - 1.0)
-        whole = math.floor(held)
-        step = (held - whole) * TABLE_STEPS
-        lower = math.floor(step)
-        place[i] = np.int32(whole) - (COLUMNS // 2 - 1)
-        entry[i] = np.int32(lower)
-        fraction[i] = np.float32(step - lower)
-        c, s = _phasor(turns_per_m * (path - r[i]))
-        # Off the profiles there is nothing to read.
-        inside = np.float32(1) if held == at else np.float32(0)
-        cosine[i] = c * inside
-        sine[i] = s * inside
-    if exponent > 0.0:
-        for i in range(count):
-            dx, dy = x[i] - transmit[0], y[i] - transmit[1]
-            distance = math.sqrt(max(dx * dx + dy * dy + tz * tz + excess[i], 1e-12))
-            toward = (axis[0] * dx + axis[1] * dy + axis[2] * tz) / distance
-            gain = np.float32(toward**exponent if toward > 0.0 else 0.0)
-            if not same:
-                ex, ey = x[i] - receive[0], y[i] - receive[1]
-                distance = math.sqrt(max(ex * ex + ey * ey + rz * rz + excess[i], 1e-12))
-                back = (axis[0] * ex + axis[1] * ey + axis[2] * rz) / distance
-                gain = np.float32((toward * back) ** (0.5 * exponent) if min(toward, back) > 0.0 else 0.0)
-            cosine[i] *= gain
-            sine[i] *= gain
-
-
-@njit(parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy")
-def form_parts(
-    samples: Any,
-    weights: Any,
-    order: Any,
-    transmit: Any,
-    receive: Any,
-    start: Any,
-    bins: int,
-    bins_per_m: float,
-    turns_per_m: float,
-    table: Any,
-    axis: Any,
-    exponent: float,
-    z: float,
-    first: Any,
-    frame: Any,
-    layout: Any,
-    jobs: Any,
-    out: Any,
-) -> None:
-    """Sum the pulses of each smallest part at the places of its grid, the phase of R taken off.
-
-    Args:
-        samples: flat float32 view of (channels, pulses, bins) complex64.
-        weights: (channels, pulses).
-        order: (pulses,) pulse at each place of the order in which they are grouped.
-        transmit: (pulses, 3) in that order.
-        receive: (pulses, 3) in that order.
-        start: (pulses,) range of bin 0, in that order.
-        bins: of a profile.
-        bins_per_m: per metre of range.
-        turns_per_m: turns of phase per metre of range.
-        table: flat column table.
-        axis: (3,) the antennas' axis.
-        exponent: of their pattern; 0: none.
-        z: height of the scene.
-        first: (parts + 1,) first pulse of each part.
-        frame: (parts, 11) centre, axis, direction ahead, start and step of R, start and step of s.
-        layout: (parts, 3) first sample, rows, columns.
-        jobs: (lines, 2) part and row.
-        out: flat float32 view of (channels, samples) complex64, filled.
-    """
-    channels, pulses = weights.shape
-    total = out.size // (2 * channels)
-    for job in prange(len(jobs)):
-        part, row = jobs[job, 0], jobs[job, 1]
-        columns = layout[part, 2]
-        r, x, y, excess = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
-        place = np.empty((CHUNK, BLOCK), np.int32)
-        entries, parts = np.empty((2, CHUNK, BLOCK), np.int32), np.empty((2, CHUNK, BLOCK), np.float32)
-        phase, turned = np.empty((2, CHUNK, BLOCK), np.float32), np.empty((2, CHUNK, BLOCK), np.float32)
-        begin = np.empty(CHUNK, np.int64)
-        sums = np.empty((channels, 2, BLOCK), np.float32)
-        for column in range(0, columns, BLOCK):
-            count = min(BLOCK, columns - column)
-            _line(frame, part, row, column, count, z, r, x, y, excess)
-            sums[:] = 0
-            for chunk in range(first[part], first[part + 1], CHUNK):
-                held = min(CHUNK, first[part + 1] - chunk)
-                for k in range(held):
-                    _read_pulse(
-                        transmit[chunk + k], receive[chunk + k], start[chunk + k], bins, bins_per_m, turns_per_m,
-                        axis, exponent, z, count, r, x, y, excess, place[k], entries[1, k], parts[1, k], phase[0, k],
-                        phase[1, k],
-                    )  # fmt: skip
-                for channel in range(channels):
-                    for k in range(held):
-                        begin[k] = (channel * pulses + order[chunk + k]) * bins
-                        weight = np.float32(weights[channel, order[chunk + k]])
-                        for i in range(count):
-                            turned[0, k, i] = weight * phase[0, k, i]
-                            turned[1, k, i] = weight * phase[1, k, i]
-                    for i in range(count):
-                        re, im = patches_sum(
-                            samples, begin, begin, 1, table, table, place, entries, parts, turned, CHUNK, BLOCK, i, held
-                        )
-                        sums[channel, 0, i] += re
-                        sums[channel, 1, i] += im
-            at = layout[part, 0] + row * columns + column
-            for channel in range(channels):
-                for i in range(count):
-                    out[2 * (channel * total + at + i)] = sums[channel, 0, i]
-                    out[2 * (channel * total + at + i) + 1] = sums[channel, 1, i]
 
 
 @functools.cache

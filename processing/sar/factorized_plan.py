@@ -23,13 +23,13 @@ from processing.errors import DataError
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 from processing.sar.patch_sum import COLUMNS
 
-BASE_PULSES = 16
+BASE_PULSES = 32
 """Pulses of the smallest parts, which are formed exactly."""
 
 BRANCHES = 4
 """Parts that are merged into one."""
 
-PULSE_NANOSECONDS = 4.0
+PULSE_NANOSECONDS = 2.0
 """Core time of one pulse at one sample of a smallest part (2.5 GHz server core)."""
 
 MERGE_NANOSECONDS = 12.0

@@ -17,7 +17,7 @@ BACKPROJECTION_NS = {
     "linear": (0.5, 0.65, 90.0),
     "cubic": (0.35, 0.92, 140.0),
     "lagrange4": (0.38, 0.96, 110.0),
-    "sinc8": (0.2, 1.25, 150.0),
+    "sinc8": (0.35, 1.0, 150.0),
     "sinc16": (1.6, 0.85, 500.0),
 }
 """Of back-projection: a pixel and pulse once, each channel of it, and each channel's bin and pulse (tables)."""
@@ -25,8 +25,19 @@ BACKPROJECTION_NS = {
 PATTERN_NS = 0.9
 """Of pattern compensation: a pixel and pulse."""
 
-MIGRATION_NS = (45.0, 65.0)
-"""Of range migration: a cell of the two-dimensional spectrum, once, and for each channel."""
+MIGRATION_NS = (40.0, 5.0, 11.0, 15.0)
+"""Of range migration: a cell of the two-dimensional spectrum; a line and row; a sample of the rows' transforms (pixels
+are among them); a bin and pulse; each for every channel."""
+
+MIGRATION_SECONDS = 4e-3
+"""Of range migration, whatever its size: many small steps."""
+
+POLAR_NS = (70.0, 60.0, 60.0)
+"""Of polar format: a pulse and wavenumber along the line of sight; a cell of the wavenumber plane; a pixel; each for
+every channel."""
+
+POLAR_SECONDS = 4e-3
+"""Of polar format, whatever its size."""
 
 RANGING_NS = 60.0
 """Of range compression: a channel's bin and pulse, whatever the method."""
@@ -48,22 +59,36 @@ def backprojection_seconds(
 
 
 def migration_seconds(
-    *, wavelength_m: float, furthest_m: float, widest_rad: float, channels: int, bandwidth_share: float = 0.0
+    *, lines: float, across: float, rows: float, columns: float, pulses: float, bins: float, channels: int
 ) -> float:
-    """Core time on the table's core, from the size of the two-dimensional spectrum.
+    """Core time on the table's core.
 
     Args:
-        wavelength_m: of the centre frequency.
-        furthest_m: end of the range profiles.
-        widest_rad: largest angle from broadside in the image.
+        lines: wavenumbers along the rail.
+        across: wavenumbers across it, of each.
+        rows: of the image.
+        columns: samples of the transforms along the image's rows.
+        pulses: positions.
+        bins: of one range profile.
         channels: of the profiles.
-        bandwidth_share: bandwidth over centre frequency.
     """
-    k = 4 * math.pi / wavelength_m
-    along = k * math.sin(widest_rad) * 2 * furthest_m / math.pi
-    across = k * (1 - math.cos(widest_rad) * 0.8 + bandwidth_share) * 1.5 * furthest_m / (2 * math.pi)
-    once, each = MIGRATION_NS
-    return 1e-9 * along * across * (once + each * channels)
+    cell, line, sample, bin_ns = MIGRATION_NS
+    once = cell * lines * across + line * lines * rows + sample * rows * columns + bin_ns * bins * pulses
+    return MIGRATION_SECONDS + 1e-9 * channels * once
+
+
+def polar_seconds(*, along: float, across: float, pulses: float, pixels: float, channels: int) -> float:
+    """Core time on the table's core.
+
+    Args:
+        along: wavenumbers along the mean line of sight.
+        across: wavenumbers across it.
+        pulses: of the aperture.
+        pixels: of the image.
+        channels: of the profiles.
+    """
+    pulse, cell, pixel = POLAR_NS
+    return POLAR_SECONDS + 1e-9 * channels * (pulse * pulses * along + cell * along * across + pixel * pixels)
 
 
 @functools.lru_cache(maxsize=1)

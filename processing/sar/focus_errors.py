@@ -24,6 +24,9 @@ from processing.sar.interpolation import tap_weights, taps_of
 ARITHMETIC_DB = -139.0
 """What complex64 images and the compiled kernel's float32 sums leave."""
 
+OFFSETS_DB = -122.0
+"""What the compiled kernel's float32 offsets within patches of pixels leave with filters of up to eight taps."""
+
 FREQUENCIES, PLACES = 129, 256
 """Samples of the band and of the place between two bins in the means below."""
 
@@ -132,7 +135,7 @@ def predicted_error_db(
     window: str = "rectangular",
     share: float = 1.0,
     *,
-    floor_db: float = ARITHMETIC_DB,
+    floor_db: float | None = None,
     depth_cells: float = math.inf,
 ) -> float:
     """Expected error of back-projection, dB: root mean square over the image, relative to the exact matched filter.
@@ -142,11 +145,13 @@ def predicted_error_db(
         oversampling: range bins per resolution cell.
         window: over the ramp.
         share: of the ghosts that stay in the image, see :func:`ghost_share`; 1 is the worst.
-        floor_db: error of the arithmetic.
+        floor_db: error of the arithmetic; that of the compiled kernel where left out.
         depth_cells: ranges within the image, resolution cells.
 
     Raises:
         DataError: unknown interpolator or window, or less than one bin per cell.
     """
     own, ghosts = filter_error(interpolator, round(float(oversampling), 6), window, depth_cells)
+    if floor_db is None:
+        floor_db = OFFSETS_DB if taps_of(interpolator) <= 8 else ARITHMETIC_DB
     return 10 * math.log10(own + share * ghosts + 10 ** (floor_db / 10))

@@ -18,7 +18,7 @@ from processing.sar.filter_design import polynomials_for
 INTERPOLATOR_TAPS = {"linear": 2, "cubic": 4, "lagrange4": 4, "kaiser8": 8, "sinc8": 8, "sinc16": 16}
 """Bins that each interpolator reads; half of them on either side of the wanted place."""
 
-SINC8_DB = -114.0
+SINC8_DB = -115.0
 """Error at which eight taps' polynomials are exact enough."""
 
 TABLE_STEPS = 512

@@ -19,7 +19,7 @@ from numba.core.errors import RequireLiteralValue
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from processing.sar.interpolation import sinc_weights
+from processing.sar.filter_design import least_squares_weights
 
 COLUMNS = 8
 """Complex samples of a row that a sum reads."""
@@ -55,7 +55,7 @@ def row_table(rows: int, oversampling: float) -> NDArray[np.float32]:
 def _table(taps: int, oversampling: float) -> NDArray[np.float32]:
     # One entry beyond the last, so that a fraction that rounds to one still has a right neighbour.
     fractions = np.minimum(np.arange(TABLE_STEPS + 2) / TABLE_STEPS, 1.0)
-    return sinc_weights(fractions, taps, oversampling).astype(np.float32)
+    return least_squares_weights(fractions, taps, oversampling).astype(np.float32)
 
 
 def patch_sum_reference(
@@ -70,8 +70,9 @@ def patch_sum_reference(
         oversampling: of rows and of columns.
     """
     rows, columns = samples.shape
-    weights = sinc_weights(row_fraction, rows, oversampling[0]), sinc_weights(column_fraction, columns, oversampling[1])
-    return complex(weights[0] @ samples.astype(np.complex128) @ weights[1])
+    along = least_squares_weights(row_fraction, rows, oversampling[0])
+    across = least_squares_weights(column_fraction, columns, oversampling[1])
+    return complex(along @ samples.astype(np.complex128) @ across)
 
 
 class _Code:

@@ -24,29 +24,34 @@ from processing.sar.focus_costs import (
     cores,
     machine_scale,
     migration_seconds,
+    polar_seconds,
 )
 from processing.sar.focus_errors import ghost_share, predicted_error_db
 from processing.sar.grid import ImageGrid
+from processing.sar.polar_format_geometry import PolarForecast
 
-METHODS = ("auto", "bp", "ffbp", "rma", "reference")
+METHODS = ("auto", "bp", "ffbp", "rma", "pfa", "reference")
 
 OVERSAMPLINGS = (2, 3, 4, 6, 8, 12, 16)
 """Range bins per resolution cell that are chosen from where none is given."""
 
-SAFETY_DB = {"bp": 2.5, "ffbp": 4.5, "rma": 4.5, "reference": 2.5}
+SAFETY_DB = {"bp": 2.5, "ffbp": 4.5, "rma": 4.5, "pfa": 4.5, "reference": 2.5}
 """How far below the tolerance a method's expected error must be: measured errors exceed it by at most so much."""
 
-MIGRATION_ANGLES_DEG = (40.0, 71.0, 80.0, 90.0)
+MIGRATION_ANGLES_DEG = (40.0, 66.0, 72.0, 77.0, 80.0, 90.0)
 """Largest angles from broadside at which range migration was measured; nothing is promised at grazing angles."""
 
-MIGRATION_ERROR_DB = {False: (-65.0, -61.0, -55.0, 0.0), True: (-64.0, -50.0, -34.0, 0.0)}
+MIGRATION_ERROR_DB = {
+    False: (-72.0, -70.0, -64.0, -57.0, -46.0, 0.0),
+    True: (-70.0, -62.0, -50.0, -37.0, -12.0, 0.0),
+}
 """Bounds of range migration's error, dB, without and with compensation of the antennas' pattern."""
 
-MIGRATION_TYPICAL_ANGLES_DEG = (35.0, 45.0, 71.0, 80.0, 90.0)
-MIGRATION_TYPICAL_DB = (-88.0, -79.5, -61.0, -55.0, 0.0)
+MIGRATION_TYPICAL_ANGLES_DEG = (48.0, 66.0, 72.0, 77.0, 80.0, 90.0)
+MIGRATION_TYPICAL_DB = (-80.0, -76.0, -68.5, -62.5, -49.0, 0.0)
 """Its error as expected at these angles without compensation of the pattern, dB; with it the bound is expected."""
 
-MIGRATION_WINDOW_DB = -5.0
+MIGRATION_WINDOW_DB = -3.0
 """By how much a window over the ramp lowers it where nothing but spectral leakage is left, up to the first angle."""
 
 FACTORIZED_TYPICAL_DB = {8: -5.5, 12: -3.0}
@@ -62,7 +67,8 @@ REFERENCE_FLOOR_DB = -150.0
 PRECISIONS = {
     "bp": "ranges and phases exact to float64, sums in float32",
     "ffbp": "ranges and phases in float64, samples in complex64",
-    "rma": "spectra in complex64",
+    "rma": "phases in float64, spectra in complex64",
+    "pfa": "phases in float64, spectra in complex64",
     "reference": "float64",
 }
 
@@ -82,7 +88,7 @@ class Task:
     widest_rad: float
     """Largest angle from broadside in the image."""
     residual_m: float | None
-    """Root mean square deviation from an even, straight rail; None where there is no such rail."""
+    """Root mean square deviation from a straight rail; None where there is no such rail."""
     compensated: bool
     """Whether the antennas' pattern is compensated."""
     window: str = "rectangular"
@@ -97,6 +103,10 @@ class Task:
     """Of the ramp; with the profiles' depth it tells how many bins they have."""
     depth_m: float | None = None
     """Ranges that the profiles hold; None where they begin at 0."""
+    moving: bool = False
+    """Whether motion within the sweeps is modelled, which back-projection alone does."""
+    polar: PolarForecast | None = None
+    """What polar format would do; None where it cannot be used."""
 
     @property
     def cells(self) -> float:
@@ -120,10 +130,10 @@ class Choice:
     """A way to focus, and why."""
 
     method: str
-    """``"rma"`` (range migration), ``"bp"`` (back-projection), ``"ffbp"`` (factorized back-projection) or
-    ``"reference"``."""
+    """``"rma"`` (range migration), ``"pfa"`` (polar format), ``"bp"`` (back-projection), ``"ffbp"`` (factorized
+    back-projection) or ``"reference"``."""
     interpolator: str
-    """Of back-projection; ``"sinc8"`` is the other methods' own."""
+    """Of back-projection; ``"sinc8"`` and ``"kaiser-bessel"`` are the other methods' own."""
     predicted_error_db: float
     seconds: float
     """Expected core time on the core that the tables were measured on, range compression included."""
@@ -184,12 +194,19 @@ def choices(task: Task, tolerance_db: float = -50.0, method: str = "auto") -> li
                 bins=bins, compensated=task.compensated,
             )  # fmt: skip
             offered.append(Choice("bp", interpolator, error, ranging + seconds, "", oversampling))
+        if task.moving:
+            continue
         if task.residual_m is not None:
-            seconds = migration_seconds(
-                wavelength_m=task.wavelength_m, furthest_m=task.furthest_m, widest_rad=task.widest_rad,
+            seconds = _migration_seconds(task, bins)
+            offered.append(
+                Choice("rma", "kaiser-bessel", migration_error_db(task), ranging + seconds, "", oversampling)
+            )
+        if task.polar is not None and not task.compensated:
+            seconds = polar_seconds(
+                along=task.polar.along, across=task.polar.across, pulses=task.pulses, pixels=task.pixels,
                 channels=task.channels,
             )  # fmt: skip
-            offered.append(Choice("rma", "sinc8", migration_error_db(task), ranging + seconds, "", oversampling))
+            offered.append(Choice("pfa", "kaiser-bessel", task.polar.error_db, ranging + seconds, "", oversampling))
         if oversampling >= 2:
             chosen = settings_for(tolerance_db, task.pulses, oversampling)
             error = chosen.predicted_error_db + FACTORIZED_TYPICAL_DB[chosen.settings.rows]
@@ -206,11 +223,11 @@ def choose(task: Task, tolerance_db: float, method: str = "auto") -> Choice:
     Args:
         task: what is to be focused.
         tolerance_db: largest error, dB (negative).
-        method: ``"auto"``, or the one to use: ``"rma"``, ``"bp"``, ``"ffbp"``, ``"reference"``.
+        method: ``"auto"``, or the one to use: ``"rma"``, ``"pfa"``, ``"bp"``, ``"ffbp"``, ``"reference"``.
 
     Raises:
         DataError: unknown method, a tolerance that is no negative number, less than one bin per cell, an image without
-            pixels or pulses, or range migration without an even rail.
+            pixels or pulses, range migration without a straight rail, or polar format where it cannot be used.
     """
     if method not in METHODS:
         raise DataError(f"there is no focusing method {method!r}", f"choose one of {', '.join(METHODS)}")
@@ -226,7 +243,16 @@ def choose(task: Task, tolerance_db: float, method: str = "auto") -> Choice:
     if method == "auto" and (task.pulses < FACTORIZED_PULSES or task.pixels < FACTORIZED_PIXELS):
         fit = [choice for choice in fit if choice.method != "ffbp"]
     if not fit:
-        raise DataError("positions are not even enough for range migration", "focus by back-projection")
+        what = "positions are not straight enough for range migration"
+        if method == "pfa":
+            what = (
+                "polar format takes images of a plane seen from one side and from afar, without the antennas' pattern"
+            )
+        if task.moving:
+            what = "the antennas moved while they swept, which back-projection alone models"
+        raise DataError(
+            what, "form a smaller image, or focus by back-projection" if method == "pfa" else "focus by back-projection"
+        )
     fitting = [choice for choice in fit if _fits(choice, tolerance_db)]
     at = f" at {task.oversampling:g} bins per cell" if task.oversampling is not None else ""
     if fitting:
@@ -287,6 +313,7 @@ def _name(choice: Choice) -> str:
         "bp": f"back-projection with {choice.interpolator} interpolation at {bins}",
         "ffbp": f"factorized back-projection at {bins}",
         "rma": f"range migration at {bins}",
+        "pfa": f"polar format at {bins}",
         "reference": f"plain float64 back-projection with {choice.interpolator} interpolation at {bins}",
     }
     return words[choice.method]
@@ -304,6 +331,25 @@ def _reference(task: Task) -> Choice:
     )
     seconds = 1e-9 * REFERENCE_NS * task.pixels * task.pulses * task.channels
     return Choice("reference", "sinc16", error, seconds, "", oversampling)
+
+
+def _migration_seconds(task: Task, bins: float) -> float:
+    """From the sizes that :mod:`processing.sar.range_migration_plan` would choose, all but for rounding up."""
+    k = 4 * math.pi / task.wavelength_m
+    sine = math.sin(min(task.widest_rad + 0.2, 0.5 * (task.widest_rad + math.pi / 2)))
+    rows = math.sqrt(task.pixels)
+    along_x, ahead = 1.3 * task.furthest_m, task.furthest_m
+    if task.grid is not None and task.antenna_m is not None:
+        rows = task.grid.shape[0]
+        along_x = 1.5 * (float(np.ptp(task.grid.x_m)) + float(np.ptp(task.antenna_m[:, 0])))
+        ahead = 1.2 * float(np.ptp(task.grid.y_m)) + 24 * SPEED_OF_LIGHT_M_S / (2 * task.bandwidth_hz)
+    lines = k * sine * along_x / math.pi
+    cosine = max(math.cos(task.widest_rad), 0.1)
+    across = 2.8 * task.bandwidth_hz / SPEED_OF_LIGHT_M_S * min(ahead, task.furthest_m) / cosine
+    return migration_seconds(
+        lines=lines, across=across, rows=rows, columns=max(1.5 * lines, task.pixels / rows), pulses=task.pulses,
+        bins=bins, channels=task.channels,
+    )  # fmt: skip
 
 
 def _share(task: Task, oversampling: float, known: dict[int, float]) -> float:

@@ -40,8 +40,7 @@ def truth(table_data):
     return table_data.matched_filter(GRID)
 
 
-# Field notes, section 9: back-projection against an exact float64 matched filter, thesis's rail, dB. 1 dB is allowed
-# for the grid, which is coarser than the one that the table was measured on.
+# Field notes, section 9: back-projection against an exact float64 matched filter, thesis's rail, whole dB.
 TABLE_DB = {
     2: {"linear": -20, "cubic": -30, "lagrange4": -31, "sinc8": -67},
     4: {"linear": -32, "cubic": -51, "lagrange4": -54, "sinc8": -94},
@@ -55,7 +54,14 @@ def test_error_against_the_exact_matched_filter_is_that_of_the_table(table_data,
     profiles = table_data.profiles(oversampling)
     for interpolator, expected in TABLE_DB[oversampling].items():
         error = relative_db(backproject(profiles, GRID, interpolator=interpolator)[0], truth)
-        assert error == pytest.approx(expected, abs=1.0)
+        # Half a decibel for the table's own rounding, where the filter is the same; eight taps have no excuse.
+        assert error < (expected if interpolator == "sinc8" else expected + 0.5)
+
+
+def test_kaisers_window_is_what_the_table_was_measured_with(table_data, truth):
+    for oversampling, expected in {2: -67, 4: -93.5, 8: -106, 16: -114}.items():
+        image = backproject(table_data.profiles(oversampling), GRID, interpolator="kaiser8")[0]
+        assert relative_db(image, truth) == pytest.approx(expected, abs=1.0)
 
 
 def test_sixteen_taps_reach_single_precision(table_data, truth):
@@ -241,7 +247,12 @@ def test_filters_pass_samples_through_and_their_tables_agree(name):
     taps = INTERPOLATOR_TAPS[name]
     at_sample = np.zeros(taps)
     at_sample[taps // 2 - 1] = 1
-    np.testing.assert_allclose(tap_weights(name, 0.0, 8), at_sample, atol=1e-15)
+    if name == "sinc8":
+        # Designed for the band, not for the samples: what is in the band is passed through, to -115 dB in the mean.
+        waves = np.exp(2j * np.pi * np.outer(np.arange(-3, 5), np.linspace(-0.5, 0.5, 33) / 8))
+        np.testing.assert_allclose(tap_weights(name, 0.0, 8) @ waves, 1.0, atol=1e-5)
+    else:
+        np.testing.assert_allclose(tap_weights(name, 0.0, 8), at_sample, atol=1e-15)
     # A constant is kept: exactly by polynomials, within the pass band's ripple by the sincs.
     np.testing.assert_allclose(tap_weights(name, np.linspace(0, 1, 33), 8).sum(axis=-1), 1.0, atol=2e-5)
     np.testing.assert_allclose(tap_table(name, 8)[256], tap_weights(name, 0.5, 8), atol=6e-8)

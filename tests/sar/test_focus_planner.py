@@ -7,9 +7,8 @@ from rail_data import BANDWIDTH_HZ, CENTRE_HZ, Frequencies, ground, hann, rail, 
 from benchmarks.accuracy_focus_planner import carry_out
 from processing.errors import DataError
 from processing.sar.backprojection import backproject
-from processing.sar.focus_costs import machine_scale
+from processing.sar.focus_costs import BACKPROJECTION_NS, machine_scale
 from processing.sar.focus_errors import ARITHMETIC_DB, filter_error, ghost_share, predicted_error_db
-from processing.sar.interpolation import INTERPOLATOR_TAPS
 from processing.sar.planner import (
     OVERSAMPLINGS,
     SAFETY_DB,
@@ -54,7 +53,7 @@ def test_field_notes_table_is_reproduced():
         "linear": (-20, -32, -44, -56),
         "cubic": (-30, -51, -71, -89),
         "lagrange4": (-31, -54, -78, -102),
-        "sinc8": (-67, -94, -106, -114),
+        "kaiser8": (-67, -94, -106, -114),
     }
     for interpolator, row in table.items():
         for oversampling, measured in zip((2, 4, 8, 16), row, strict=True):
@@ -175,7 +174,7 @@ def test_the_choice_is_told_in_words():
     assert "precision" in lines[1]
     assert "core time" in lines[2]
     told = " ".join(lines[3:])
-    for name in {"linear", *INTERPOLATOR_TAPS} - {choice.interpolator}:
+    for name in {*BACKPROJECTION_NS} - {choice.interpolator}:
         assert name in told
     assert "range migration" in told
     assert 0.02 < machine_scale() < 50
@@ -188,7 +187,7 @@ def test_the_choice_is_told_in_words():
         ({}, 3.0, "auto", "tolerance"),
         ({}, float("nan"), "auto", "tolerance"),
         ({}, float("-inf"), "auto", "tolerance"),
-        ({"residual_m": None}, -50, "rma", "not even enough"),
+        ({"residual_m": None}, -50, "rma", "not straight enough"),
         ({"oversampling": 0.5}, -50, "bp", "lose information"),
         ({"window": "square"}, -50, "bp", "unknown window"),
         ({"pixels": 0}, -50, "bp", "nothing to focus"),
