@@ -1,7 +1,7 @@
 """What surfaces are made of: a diffuse part that depolarizes, and a specular lobe.
 
-Every material is opaque, and the same on both sides of a triangle. Roughness is given as the thesis does: Ward's
-``alpha`` (rms slope, 4.14) and Priest and Germer's ``slope_sd`` (4.18), with alpha = sqrt 2 slope_sd for the same facets.
+Every material is opaque, and the same on both sides of a triangle. Roughness is as the thesis has it: Ward's ``alpha``
+(rms slope, 4.14) and Priest and Germer's ``slope_sd`` (4.18), with alpha = sqrt 2 slope_sd for the same facets.
 """
 
 from __future__ import annotations
