@@ -9,6 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from processing.calibration.facets import plate_facets
+from processing.calibration.physical_optics import Antennas, physical_optics_scattering
 from processing.fusion.kmeans import kmeans
 from processing.optics.binning import bin_frame
 from processing.optics.series import PolarizerSeries, SensorNoise
@@ -51,6 +53,7 @@ def warm_up() -> None:
         stokes_planes(np.full((4, 4, 4), 100.0, dtype=sample), np.zeros((4, 4), dtype=bool), series)
     for counts in (np.uint8, np.uint16):
         bin_frame(np.ones((4, 4), dtype=counts), 2, 255)
+    physical_optics_scattering(plate_facets(0.2, 0.2), Antennas.at([[3.0, 0.0, 0.0]]), 0.125)
     kmeans(np.arange(24.0).reshape(8, 3), 2)
     best_path(np.ones((4, 8)), np.array([-1.0, 0.0, 1.0]))
 
