@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.session import Session, open_session
+
+READING_NS = 350.0
+"""Reading one audio frame and finding its sweep, on the core that the planner's tables were measured on."""
 
 
 @dataclass(frozen=True)
@@ -14,7 +17,7 @@ class Prediction:
     """The way that will be taken."""
 
     seconds: float
-    """Expected time on this computer, s."""
+    """Expected time on this computer, s, without starting the job."""
     error_db: float
     """Expected error of the method, dB below the image."""
     method: str
@@ -89,12 +92,12 @@ def predict_focus(
     grid = default_grid(session, x_m=x_m, y_m=y_m, step_m=pixel_m)
     task = task_before(session, grid, window or "hann", compensate_pattern, furthest_m(session, grid))
     if oversampling is not None:
-        from dataclasses import replace
-
         task = replace(task, oversampling=oversampling)
     choice = choose(task, tolerance_db, method)
+    # One core reads the records, all of them form the image.
+    reading_s = 1e-9 * READING_NS * float(session.sweeps["samples"].sum())
     return Prediction(
-        seconds=choice.seconds * machine_scale() / cores(),
+        seconds=(choice.seconds / cores() + reading_s) * machine_scale(),
         error_db=choice.predicted_error_db,
         method=choice.method,
         why=tuple(explain(task, choice, tolerance_db)),

@@ -78,7 +78,8 @@ class Listener:
         self._following = -np.inf
         """Ramps that begin before this frame have been shown."""
         self._sweeps: deque[_Sweep] = deque(maxlen=DOPPLER_SWEEPS)
-        self._judged = self._mapped = 0.0
+        self._judged_ns = -(1 << 62)
+        self._mapped = 0.0
         self._health: SignalHealth | None = None
         self._trouble: tuple[str, str] = ("", "")
         self.skipped_s = 0.0
@@ -155,10 +156,11 @@ class Listener:
         )
 
     def _judge(self, now_ns: int) -> None:
-        now = time.monotonic()
-        if now - self._judged >= JUDGE_EVERY_S and self._kept >= 3 * self._rig.waveform.sweep_period_s:
-            self._judged = now
-            piece = self._last(round(JUDGE_S * self._pieces[-1].rate_hz))
+        rate = self._pieces[-1].rate_hz
+        enough = self._kept >= 4 * self._rig.waveform.sweep_period_s * rate
+        if enough and not 0 <= now_ns - self._judged_ns < JUDGE_EVERY_S * 1e9:
+            self._judged_ns = now_ns
+            piece = self._last(round(JUDGE_S * rate))
             self._health = signal_health(self._rig, piece.samples, piece.rate_hz)
 
     def _tell_levels(self, window: Piece, sync: Sync | None) -> None:

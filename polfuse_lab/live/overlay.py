@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,10 +79,9 @@ class Overlay:
             assert self._camera is not None
             cell = self._rig.waveform.range_resolution_m / np.sqrt(12)
             errors = GeometryErrors(cell, cell, ANGLE_SD_RAD, HEIGHT_SD_M)
-            coarse = replace(grid, x_m=grid.x_m[::8], y_m=grid.y_m[::8])
-            u, _ = ground_to_camera(self._camera, coarse.x_m, coarse.y_m, coarse.z_m)
+            u, _ = ground_to_camera(self._camera, grid.x_m, grid.y_m, grid.z_m)
             seen = np.isfinite(u)
-            total = registration_error(self._camera, coarse.x_m, coarse.y_m, coarse.z_m, errors).total
+            total = registration_error(self._camera, grid.x_m, grid.y_m, grid.z_m, errors).total
             self._error = grid, float(np.nanmedian(total[seen])) if seen.any() else -1.0
         return self._error[1]
 
