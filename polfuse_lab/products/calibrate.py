@@ -209,7 +209,7 @@ def _with_constant_of(
 ) -> Solved:
     """The constant from the target in the image, the rest from the series."""
     own = calibrate_isolated(
-        view.measured(), errors=reference_errors(focused, view.spec), phase_sd_rad=phase_sd_rad, draws=draws
+        view.measured(), errors=reference_errors(focused, view.spec, view), phase_sd_rad=phase_sd_rad, draws=draws
     ).budget
     b = solved.budget
     # HH of the target holds crosstalk too, which the series tells.

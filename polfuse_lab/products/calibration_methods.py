@@ -106,7 +106,7 @@ def solve(
     made = calibrate_isolated(
         reference.measured(),
         cross_ratio=ratio,
-        errors=reference_errors(seen, reference.spec),
+        errors=reference_errors(seen, reference.spec, reference),
         phase_sd_rad=phase_sd_rad,
         draws=draws,
     )
@@ -165,7 +165,7 @@ def _by_targets(
     made = calibrate_targets(
         [view.measured() for view in known],
         reference=known.index(reference),
-        errors=reference_errors(seen, reference.spec),
+        errors=reference_errors(seen, reference.spec, reference),
         phase_sd_rad=phase_sd_rad,
         draws=draws,
     )
@@ -208,7 +208,7 @@ def _by_clutter(
     made = calibrate_isolated(
         replace(reference.measured(), values=cleaned),
         cross_ratio=found.cross_ratio,
-        errors=reference_errors(seen, reference.spec),
+        errors=reference_errors(seen, reference.spec, reference),
         phase_sd_rad=phase_sd_rad,
         draws=draws,
     )

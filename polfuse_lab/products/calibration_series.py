@@ -41,8 +41,8 @@ from processing.sar.grid import ImageGrid
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-STEPS_M = (0.05, 0.1)
-"""Pixels (x, y) around a target, m; a tenth of the resolution of the thesis's radar."""
+STEPS_M = (0.05, 0.05)
+"""Pixels (x, y) around a target, m: so small that a parabola through three of them finds the peak within 2 mm."""
 BESIDE_M = 3.0
 """How far beyond the search radius a brighter echo is looked for, which tells that the target stands elsewhere, m."""
 ELSEWHERE_DB = 6.0
@@ -131,12 +131,12 @@ def _look(
                     ),
                     clipped=clipped,
                 )
-            peaks.append(_find(seen, profiles, spec, expected, radius_m, min_snr_db))
+            peaks.append(find_target(seen, profiles, spec, expected, radius_m, min_snr_db))
     except DataError as error:
         return unseen(spec, expected, Verdict(False, error.what, error.advice), clipped=clipped)
     except PolfuseError as error:
         return unseen(spec, expected, Verdict(False, error.what, error.advice), clipped=clipped)
-    view = _averaged(spec, expected, peaks)
+    view = average_views(spec, expected, peaks)
     view = replace(view, clipped=clipped)
     return view.refused(judge(view)) if view.whole else view.refused(_incomplete(view))
 
@@ -164,7 +164,7 @@ def _profiles(
     )
 
 
-def _find(
+def find_target(
     focused: FocusedImage,
     profiles: RangeProfiles,
     spec: TargetSpec,
@@ -173,6 +173,14 @@ def _find(
     min_snr_db: float,
 ) -> tuple[TargetPeak, Complexes, Floats]:
     """The target's peak in one repeat, with its channels' values and noise in the order of ``CHANNELS``.
+
+    Args:
+        focused: as the image to be calibrated, with this repeat's antenna places.
+        profiles: of this repeat alone, compensated for range.
+        spec: the target as stated.
+        expected: (2, 2) its apparent S.
+        radius_m: how far from its stated place its peak may be, m.
+        min_snr_db: least peak over noise, dB.
 
     Raises:
         DataError: it is not found, too weak, or stands elsewhere.
@@ -260,8 +268,16 @@ def _noise(focused: FocusedImage, profiles: RangeProfiles, place_m: Floats) -> F
     return np.asarray(found)
 
 
-def _averaged(spec: TargetSpec, expected: Complexes, peaks: list[tuple[TargetPeak, Complexes, Floats]]) -> TargetView:
-    """Mean of the repeats. Channels that differ from repeat to repeat by more than their noise count as that noisy."""
+def average_views(
+    spec: TargetSpec, expected: Complexes, peaks: list[tuple[TargetPeak, Complexes, Floats]]
+) -> TargetView:
+    """Mean of the repeats. Channels that differ from repeat to repeat by more than their noise count as that noisy.
+
+    Args:
+        spec: the target as stated.
+        expected: (2, 2) its apparent S.
+        peaks: of the repeats, by :func:`find_target`.
+    """
     measured = np.array([values for _, values, _ in peaks])
     noise = np.mean([power for _, _, power in peaks], axis=0) / len(peaks)
     known = np.isfinite(measured).all(axis=0)

@@ -42,6 +42,10 @@ class ReferenceErrors:
     """Of its place in x and in y, m."""
     edge_sd_m: float = 0.0
     """Of its edge, m."""
+    range_sd_m: float = 0.0
+    """Of the ground range at which its peak was found, by which the compensation of range is off, m."""
+    range_db_per_m: float = 0.0
+    """By which the constant falls with that range, dB/m."""
     rcs_dbsm: Callable[[Floats], Floats] | None = None
     """(draws, 5) errors of azimuth and elevation (rad), x, y and edge (m) to (draws,) RCS, dBsm; None: not affected."""
 
@@ -171,7 +175,7 @@ def calibrate_isolated(
     expected_db = float(to_dbsm(abs(target.expected[0, 0]) ** 2))
 
     def model(deviations: Floats) -> Floats:
-        n, p, a, r = _split(deviations, (4, 2, 1, 5))
+        n, p, a, r = _split(deviations, (4, 2, 1, 6))
         off = values * np.exp(1j * np.radians(p)) + (n[:, :2] + 1j * n[:, 2:])
         ratio = off[:, 1] / off[:, 0]
         constant = expected_db + _rcs_change_db(errors, r) - to_dbsm(np.abs(off[:, 0]) ** 2) + a[:, 0]
@@ -213,7 +217,7 @@ class _FitModel:
 
     def __call__(self, deviations: Floats) -> Floats:
         count = len(self._values)
-        n, d, p, a, r = _split(deviations, (8 * count, count, 4 * count, count, 5))
+        n, d, p, a, r = _split(deviations, (8 * count, count, 4 * count, count, 6))
         lead = len(deviations)
         half = n.reshape(lead, 2, count, 4)
         # What a target that is turned by d more than it seems adds to its channels.
@@ -269,16 +273,20 @@ def _reference_causes(errors: ReferenceErrors | None) -> list[Cause]:
         Cause("angles of the reference", (float(np.degrees(known.angle_sd_rad)),) * 2, "deg"),
         Cause("position of the reference", (known.position_sd_m,) * 2, "m"),
         Cause("edge of the reference", (known.edge_sd_m,), "m"),
+        Cause("range of the reference's peak", (known.range_sd_m,), "m", "A"),
     ]
 
 
 def _rcs_change_db(errors: ReferenceErrors | None, deviations: Floats) -> Floats:
-    """By how much the reference's RCS differs, dB; its angles come in degrees, as the budget states them."""
-    if errors is None or errors.rcs_dbsm is None:
+    """By how much the constant differs for the reference, dB; its angles come in degrees, as the budget states them."""
+    if errors is None:
         return np.zeros(len(deviations))
-    true = np.concatenate([np.zeros((1, 5)), deviations * np.array([np.pi / 180, np.pi / 180, 1.0, 1.0, 1.0])])
-    rcs_db = np.asarray(errors.rcs_dbsm(true), dtype=np.float64)
-    return np.asarray(rcs_db[1:] - rcs_db[0])
+    compensation = -errors.range_db_per_m * deviations[:, 5]
+    if errors.rcs_dbsm is None:
+        return np.asarray(compensation)
+    stated = deviations[:, :5] * np.array([np.pi / 180, np.pi / 180, 1.0, 1.0, 1.0])
+    rcs_db = np.asarray(errors.rcs_dbsm(np.concatenate([np.zeros((1, 5)), stated])), dtype=np.float64)
+    return np.asarray(rcs_db[1:] - rcs_db[0] + compensation)
 
 
 def _split(deviations: Floats, sizes: Sequence[int]) -> list[Floats]:
