@@ -60,12 +60,12 @@ class ReflectorEntry(FileModel):
 
     name: str
     """A name for reports and checks."""
-    kind: Literal["plate", "dihedral", "trihedral"]
-    """Square plate, dihedral of two square faces, or trihedral of three square faces."""
+    kind: Literal["plate", "dihedral", "trihedral", "trihedral_triangular", "sphere"]
+    """Square plate, dihedral of two square faces, trihedral of three square (or triangular) faces, or sphere."""
     position_m: Vector
     """Phase centre (face's centre, fold's centre, apex) in rig coordinates, m."""
     edge_m: float = Field(gt=0)
-    """Edge of a face, m."""
+    """Edge of a face, m; of a triangular one from the corner to a tip, of a sphere its diameter."""
     azimuth_deg: float = Field(default=0.0, ge=-180, le=180)
     """Direction to the aperture's centre in the reflector's frame: from the boresight, for a trihedral from an edge."""
     elevation_deg: float = Field(default=0.0, ge=-90, le=90)

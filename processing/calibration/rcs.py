@@ -84,6 +84,8 @@ def dihedral_amplitude(
     zero beyond 45 degrees across the fold, where only single-bounce flashes remain.
 
     Source: thesis 5.10 (maximum 8 pi L^2 w^2 / lambda^2); geometrical optics across, physical optics along the fold.
+    Exact by physical optics across the fold; tilted along it, the second face is lit only in part, which side lobes
+    (not the main one) show: :mod:`processing.calibration.physical_optics` has it.
     """
     _positive("fold_length_m", fold_length_m)
     _positive("face_width_m", face_width_m)
@@ -123,7 +125,7 @@ def square_trihedral_amplitude(
     with np.errstate(divide="ignore", invalid="ignore"):
         narrow = 4 * c1 * c2 / c3
         wide = c1 * (4 - c3 / c2)
-    return _trihedral(edge_m, wavelength_m, np.where(c1 > 0, np.where(c2 <= c3 / 2, narrow, wide), 0.0))
+    return _trihedral(edge_m, wavelength_m, np.where(c1 <= 0, 0.0, np.where(c2 <= c3 / 2, narrow, wide)))
 
 
 def square_trihedral_rcs(
@@ -148,7 +150,7 @@ def triangular_trihedral_amplitude(
     total = c1 + c2 + c3
     with np.errstate(divide="ignore", invalid="ignore"):
         aperture = np.where(c1 + c2 <= c3, 4 * c1 * c2 / total, total - 2 / total)
-    return _trihedral(edge_m, wavelength_m, np.where(c1 > 0, aperture, 0.0))
+    return _trihedral(edge_m, wavelength_m, np.where(c1 <= 0, 0.0, aperture))
 
 
 def triangular_trihedral_rcs(
@@ -252,6 +254,8 @@ def _boresight_cosines(azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> tupl
 
 def _sorted_cosines(azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> tuple[Floats, Floats, Floats]:
     c = np.stack(_boresight_cosines(azimuth_rad, elevation_rad))
+    # Sorting would put what is undefined last and leave a corner that seems to look elsewhere.
+    c[:, np.isnan(c).any(axis=0)] = np.nan
     c.sort(axis=0)
     return c[0], c[1], c[2]
 

@@ -169,3 +169,27 @@ def test_sizes_must_be_positive(wrong: float) -> None:
         rcs.square_trihedral_rcs(wrong, 0.1)
     with pytest.raises(DataError, match="positive"):
         rcs.plate_rcs(1.0, 1.0, wrong)
+
+
+@pytest.mark.parametrize("angles", [(float("nan"), 0.5), (0.5, float("nan")), (float("nan"), -0.5)])
+def test_undefined_angles_give_undefined_rcs(angles: tuple[float, float]) -> None:
+    assert np.isnan(rcs.square_trihedral_rcs(1.0, 0.1, *angles))
+    assert np.isnan(rcs.triangular_trihedral_rcs(1.0, 0.1, *angles))
+    assert np.isnan(rcs.plate_rcs(1.0, 1.0, 0.1, *angles))
+    assert np.isnan(rcs.dihedral_rcs(1.0, 1.0, 0.1, *angles))
+
+
+@pytest.mark.parametrize("azimuth", [0, 45, 90, 180, -90])
+@pytest.mark.parametrize("elevation", [0, 45, 90, -90])
+def test_angles_on_the_edges_are_defined(azimuth: float, elevation: float) -> None:
+    a, e = deg(azimuth), deg(elevation)
+    largest = 12 * np.pi / 0.1**2
+    # Edge-on a corner has no triple bounce; cosines that are zero to 6e-17 only leave parts in 1e30.
+    for found in (rcs.square_trihedral_rcs(1.0, 0.1, a, e), rcs.triangular_trihedral_rcs(1.0, 0.1, a, e)):
+        inside = (azimuth, elevation) == (45, 45)
+        assert (found > 0.1 * largest / 9) if inside else found == pytest.approx(0, abs=1e-20)
+    ahead = (azimuth, elevation) == (0, 0)
+    assert rcs.plate_rcs(1.0, 1.0, 0.1, a, e) == pytest.approx(4 * np.pi / 0.1**2 if ahead else 0, abs=10)
+    for fold in (0, 45, 90):
+        double = rcs.dihedral_rcs(1.0, 1.0, 0.1, a, e, deg(fold))
+        assert 0 <= double <= 8 * np.pi / 0.1**2 * (1 + 1e-12)
