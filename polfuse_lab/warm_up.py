@@ -13,6 +13,9 @@ from processing.calibration.facets import plate_facets
 from processing.calibration.physical_optics import Antennas, physical_optics_scattering
 from processing.fusion.kmeans import kmeans
 from processing.optics.binning import bin_frame
+from processing.optics.demosaic import demosaic
+from processing.optics.mosaic import parse_mosaic
+from processing.optics.mosaic_stokes import mosaic_stokes
 from processing.optics.series import PolarizerSeries, SensorNoise
 from processing.optics.stokes import stokes_planes
 from processing.radar.profiles import RangeProfiles
@@ -53,6 +56,9 @@ def warm_up() -> None:
         stokes_planes(np.full((4, 4, 4), 100.0, dtype=sample), np.zeros((4, 4), dtype=bool), series)
     for counts in (np.uint8, np.uint16):
         bin_frame(np.ones((4, 4), dtype=counts), 2, 255)
+    for counts in (np.uint8, np.uint16):
+        mosaic_stokes(np.full((4, 16), 100, dtype=counts), parse_mosaic("90-45-135-0"))
+    demosaic(np.ones((4, 4)), parse_mosaic("90-45-135-0"))
     physical_optics_scattering(plate_facets(0.2, 0.2), Antennas.at([[3.0, 0.0, 0.0]]), 0.125)
     kmeans(np.arange(24.0).reshape(8, 3), 2)
     best_path(np.ones((4, 8)), np.array([-1.0, 0.0, 1.0]))

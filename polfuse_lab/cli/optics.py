@@ -1,20 +1,65 @@
-"""``polfuse optics``: polarizer frames to Stokes parameters, DOLP and AOP."""
+"""``polfuse optics``: polarizer frames to Stokes parameters, DOLP and AOP, and the camera's own calibrations."""
 
 from __future__ import annotations
 
+import enum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from polfuse_lab.cli.output import Debug, Json, guarded, result
 
+if TYPE_CHECKING:
+    from polfuse_lab.products.optics import OpticsResult
+    from polfuse_lab.products.optics_active import ActiveResult
+
+
+class Make(enum.StrEnum):
+    """What is made of the session."""
+
+    stokes = "stokes"
+    flat = "flat"
+    linearity = "linearity"
+    analyser = "analyser"
+
+
+class Register(enum.StrEnum):
+    """Whether shifts between the images are undone."""
+
+    off = "off"
+    auto = "auto"
+    on = "on"
+
+
+class Demosaic(enum.StrEnum):
+    """How images behind each angle are made of a mosaic."""
+
+    bilinear = "bilinear"
+    newton = "newton"
+    residual = "residual"
+
 
 @guarded
 def optics(
-    session: Annotated[Path, typer.Argument(help="Session with a polarizer series.")],
+    session: Annotated[Path, typer.Argument(help="Session with a polarizer series, or of the active mode.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Products file; other stages in it are kept.")],
     figure: Annotated[Path | None, typer.Option(help="Picture to draw; beside the products file by default.")] = None,
+    make: Annotated[
+        Make, typer.Option("--as", help="Stokes parameters, or a calibration of the camera from this session.")
+    ] = Make.stokes,
+    correct: Annotated[
+        Path | None, typer.Option(help="Products file with calibrations (flat, linearity, analyser) to apply.")
+    ] = None,
+    register: Annotated[
+        Register, typer.Option(help="Measure shifts between the images and undo them: where significant, or all.")
+    ] = Register.off,
+    demosaic: Annotated[
+        Demosaic, typer.Option(help="For a mosaic: the fastest, Newton's polynomials, or residuals (least error).")
+    ] = Demosaic.bilinear,
+    region_px: Annotated[
+        int | None, typer.Option(min=1, help="Calibrate analysers in regions of this many pixels; one by default.")
+    ] = None,
     zero_sd_deg: Annotated[
         float, typer.Option(min=0.0, help="How well the polarizer's zero mark is known, degrees (sd).")
     ] = 0.5,
@@ -26,33 +71,107 @@ def optics(
 ) -> None:
     """Turn a session's polarizer frames into Stokes parameters, DOLP and AOP, with their errors.
 
-    Example: polfuse optics run.h5 -o products.h5
+    A session of the active mode (polarizers before source and camera) becomes the channels HH, HV, VH and VV instead.
+
+    Example: polfuse optics run.h5 -o products.h5 --correct camera.h5 --register auto
     """
     import math
 
+    if make is not Make.stokes:
+        _calibrate(session, output, make, region_px, json_)
+        return
+    drawing = figure or output.with_name(f"{output.stem}_optics.png")
     from polfuse_lab.products import optics as stage
+    from polfuse_lab.products.optics_frames import camera_of, is_active
+    from polfuse_lab.session import open_session
 
-    made = stage.optics(
-        session,
-        output,
-        figure=figure or output.with_name(f"{output.stem}_optics.png"),
-        zero_sd_rad=math.radians(zero_sd_deg),
-        intensity_stability=intensity_stability,
-    )
+    with open_session(session) as opened:
+        camera_of(opened)
+        active = is_active(opened)
+    if active:
+        from polfuse_lab.products.optics_active import active_optics
+
+        values, text = _of_active(active_optics(session, output, figure=drawing, corrections=correct))
+    else:
+        made = stage.optics(
+            session,
+            output,
+            figure=drawing,
+            zero_sd_rad=math.radians(zero_sd_deg),
+            intensity_stability=intensity_stability,
+            corrections=correct,
+            register=register.value,
+            demosaic=demosaic.value,
+        )
+        values, text = _of_series(made)
+    result(values, as_json=json_, text=text)
+
+
+def _of_series(made: OpticsResult) -> tuple[dict[str, Any], str]:
+    import math
+
     angles = [math.degrees(angle) for angle in made.series.angles_rad]
+    shifts = [[shift.down, shift.right] for shift in made.shifts]
     values = {
         "products": made.products,
         "dolp_median": made.dolp_median,
         "masked_fraction": made.masked_fraction,
         "figure": made.figure,
+        "composite": made.composite,
         "angles_deg": angles,
         "frames": made.frames,
         "incomplete_frames": made.incomplete_frames,
         "condition_number": made.series.condition,
+        "shifts_px": shifts,
     }
+    largest = f"largest shift between images {max(s.size for s in made.shifts):.3f} px\n" if made.shifts else ""
     text = (
         f"{made.frames} frames at {len(angles)} polarizer angles\n"
-        f"median DOLP {made.dolp_median:.4f}, {100 * made.masked_fraction:.2f} % of the pixels masked\n"
+        f"median DOLP {made.dolp_median:.4f}, {100 * made.masked_fraction:.2f} % of the pixels masked\n{largest}"
         f"products: {made.products}\nfigure:   {made.figure}"
     )
-    result(values, as_json=json_, text=text)
+    return values, text
+
+
+def _of_active(made: ActiveResult) -> tuple[dict[str, Any], str]:
+    import math
+
+    values = {
+        "products": made.products,
+        "dolp_median": made.dolp_median,
+        "masked_fraction": made.masked_fraction,
+        "figure": made.figure,
+        "source_angles_deg": [math.degrees(angle) for angle in made.source_rad],
+        "angles_deg": [math.degrees(angle) for angle in made.sensor_rad],
+        "frames": made.frames,
+        "ambient_frames": made.ambient_frames,
+    }
+    text = (
+        f"active mode: {made.frames} frames at {len(made.source_rad)} x {len(made.sensor_rad)} angles, "
+        f"{made.ambient_frames} of ambient light\n"
+        f"median of |HH + VH - HV - VV| / sum {made.dolp_median:.4f}, "
+        f"{100 * made.masked_fraction:.2f} % of the pixels masked\n"
+        f"products: {made.products}\nfigure:   {made.figure}"
+    )
+    return values, text
+
+
+def _calibrate(session: Path, output: Path, make: Make, region_px: int | None, as_json: bool) -> None:
+    from polfuse_lab.products.optics_calibration import calibrate_analysers, calibrate_flat, calibrate_linearity
+
+    if make is Make.flat:
+        made = calibrate_flat(session, output)
+    elif make is Make.linearity:
+        made = calibrate_linearity(session, output)
+    else:
+        made = calibrate_analysers(session, output, region_px=region_px)
+    lines = [f"{name.replace('_', ' ')}: {_said(value)}" for name, value in made.values.items()]
+    text = "\n".join([f"stage '{made.stage}' from {made.frames} frames", *lines, f"products: {made.products}"])
+    values = {"products": made.products, "stage": made.stage, "frames": made.frames, **made.values}
+    result(values, as_json=as_json, text=text)
+
+
+def _said(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(_said(item) for item in value)
+    return f"{value:.5g}" if isinstance(value, float) else str(value)

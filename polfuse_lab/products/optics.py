@@ -8,18 +8,20 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.optics_calibration import load_corrections
+from polfuse_lab.products.optics_frames import camera_of, is_active, refuse_changes, stacked, usable_frames
 from polfuse_lab.products.store import Products
-from polfuse_lab.records import FrameFlag
 from polfuse_lab.rig import CameraSection
-from polfuse_lab.session import Session, open_session
+from polfuse_lab.session import open_session
+from processing.optics.analyser_calibration import AnalyserCalibration
 from processing.optics.camera_model import Pinhole
+from processing.optics.flat import Corrections
 from processing.optics.mosaic import parse_mosaic
 from processing.optics.series import PolarizerSeries, SensorNoise
-from processing.optics.stack import AveragedSeries, FrameStack
-from processing.optics.stokes import Flag, StokesImage, stokes_image
+from processing.optics.shifts import Shift
+from processing.optics.stack import AveragedSeries
+from processing.optics.stokes import Flag, StokesImage
 
 STAGE = "optics"
 UNITS = {
@@ -48,6 +50,10 @@ class OpticsResult:
     frames: int
     """Complete frames used, dark ones not counted."""
     incomplete_frames: int
+    shifts: tuple[Shift, ...] = ()
+    """Shift of each angle's image against the first one's; empty where it was not measured."""
+    composite: Path | None = None
+    """Picture of S1, S0 and S2 as colours (thesis 7.7)."""
 
     @property
     def dolp_median(self) -> float:
@@ -67,6 +73,9 @@ def optics(
     figure: Path | str | None = None,
     zero_sd_rad: float = math.radians(0.5),
     intensity_stability: float = 1e-3,
+    corrections: Path | str | None = None,
+    register: str = "off",
+    demosaic: str = "bilinear",
 ) -> OpticsResult:
     """Make Stokes parameters of a session's polarizer series and write the stage ``"optics"``.
 
@@ -77,18 +86,33 @@ def optics(
     Args:
         session_path: the session.
         products_path: the products file; made if it is not there, its other stages are kept.
-        figure: where to draw the picture; none is drawn when left out.
+        figure: where to draw the picture, and beside it (``_stokes``) the composite of thesis 7.7; none is drawn when
+            left out.
         zero_sd_rad: standard deviation of the polarizer's zero mark, radians (turns AOP as a whole).
         intensity_stability: relative standard deviation of light and exposure from one angle to another; of the pixels'
             response for a camera with a mosaic.
+        corrections: a products file with stages "flat", "linearity" or "analyser"
+            (:mod:`polfuse_lab.products.optics_calibration`), which are applied.
+        register: ``"off"``, ``"auto"`` or ``"on"``: whether shifts between the images of a turning polarizer are
+            measured and undone (:func:`processing.optics.shifts.registered`).
+        demosaic: of :data:`processing.optics.demosaic.METHODS`.
 
     Raises:
-        PolfuseError: a file that cannot be used, or a session without camera or without frames.
+        PolfuseError: a file that cannot be used, a session without camera or without frames, or one of the active mode
+            (:func:`polfuse_lab.products.optics_active.active_optics`).
         DataError: frames that do not determine S0, S1 and S2.
     """
     with open_session(session_path) as session:
-        camera = _camera(session)
-        stack = _stacked(session, camera)
+        camera = camera_of(session)
+        if is_active(session):
+            raise PolfuseError(
+                "was taken with a polarizer before the light source",
+                where=str(session.path),
+                advice="make the active mode's channels of it, as 'polfuse optics' does by itself",
+            )
+        refuse_changes(session)
+        stack = stacked(session, camera, usable_frames(session))
+        found, analysers = (Corrections(), None) if corrections is None else load_corrections(corrections)
         assert session.rig is not None
         noise = SensorNoise(camera.read_noise_counts, camera.electrons_per_count)
         if camera.has_mosaic:
@@ -98,6 +122,9 @@ def optics(
                 extinction_ratio=camera.mosaic_extinction_ratio,
                 zero_sd_rad=zero_sd_rad,
                 response_sd=intensity_stability,
+                corrections=found,
+                analysers=analysers,
+                method=demosaic,
             )
         else:
             assert session.rig.polarizer is not None
@@ -106,22 +133,30 @@ def optics(
                 extinction_ratio=session.rig.polarizer.extinction_ratio,
                 zero_sd_rad=zero_sd_rad,
                 intensity_stability=intensity_stability,
+                corrections=found,
+                analysers=analysers,
+                register=register,
             )
-    image = stokes_image(averaged.light, averaged.saturated, averaged.series, incomplete=averaged.incomplete)
+    image = averaged.stokes()
     products = Products(products_path)
     products.write(
         STAGE,
         {name: getattr(image, name) for name in UNITS},
-        settings=_settings(camera, averaged, stack.incomplete_frames),
-        inputs=[Path(session_path)],
+        settings={
+            **_settings(camera, averaged, stack.incomplete_frames),
+            "demosaic": demosaic if camera.has_mosaic else None,
+            "corrected": [name for name, done in _corrected(found, analysers).items() if done],
+        },
+        inputs=[Path(session_path), *([] if corrections is None else [Path(corrections)])],
         units=UNITS,
     )
-    drawn = None
+    drawn = composite = None
     if figure is not None:
-        from polfuse_lab.products.figures_optics import optics_figure
+        from polfuse_lab.products.figures_optics import composite_figure, optics_figure
         from polfuse_lab.products.style import save
 
         drawn = save(optics_figure(image, averaged.series), figure)
+        composite = save(composite_figure(image), drawn.with_name(f"{drawn.stem}_stokes{drawn.suffix}"))
     return OpticsResult(
         products=products.path,
         figure=drawn,
@@ -129,6 +164,8 @@ def optics(
         series=averaged.series,
         frames=averaged.series.frames[0] if camera.has_mosaic else sum(averaged.series.frames),
         incomplete_frames=stack.incomplete_frames,
+        shifts=averaged.shifts,
+        composite=composite,
     )
 
 
@@ -174,52 +211,19 @@ def _settings(camera: CameraSection, averaged: AveragedSeries, incomplete_frames
         "saturation_counts": camera.saturation_counts,
         "black_level_counts": camera.black_level_counts,
         "flags": {flag.name: flag.value for flag in Flag},
+        "shifts_px": [{**asdict(shift), "undone": undone} for shift, undone in _shifts(averaged)],
     }
 
 
-def _camera(session: Session) -> CameraSection:
-    """The session's camera. Raises :class:`PolfuseError` where there is none, or nothing that it took."""
-    if session.rig is None or session.rig.camera is None:
-        raise PolfuseError(
-            "was taken without a camera",
-            where=str(session.path),
-            advice="collect with [camera] and [polarizer] in the rig file and [optics] in the plan",
-        )
-    if len(session.frames) == 0:
-        raise PolfuseError(
-            "holds no camera frames", where=str(session.path), advice="collect with [optics] in the plan file"
-        )
-    return session.rig.camera
+def _shifts(averaged: AveragedSeries) -> list[tuple[Shift, bool]]:
+    """Shifts whose size is known, and whether they were undone."""
+    both = zip(averaged.shifts, averaged.shifted_back, strict=True)
+    return [(shift, undone) for shift, undone in both if math.isfinite(shift.down_sd + shift.right_sd)]
 
 
-def _stacked(session: Session, camera: CameraSection) -> FrameStack:
-    """All frames of the session, averaged by angle."""
-    rows = session.frames
-    for name, unit in (("exposure_s", "s"), ("gain_db", "dB")):
-        values = np.unique(rows[name])
-        if len(values) > 1:
-            raise PolfuseError(
-                f"its frames were taken with different {name}: {values[0]:g} to {values[-1]:g} {unit}",
-                where=str(session.path),
-                advice="switch automatic exposure and gain off and take the series again",
-            )
-    stack = FrameStack(saturation_counts=camera.saturation_counts, black_level_counts=camera.black_level_counts)
-    for index, row in enumerate(rows):
-        if int(row["flags"]) & int(FrameFlag.MOVED):
-            continue  # at no angle in particular, and taken again
-        image = session.frame(index)
-        if image.shape != (camera.height_px, camera.width_px):
-            raise PolfuseError(
-                f"frame {index} has {image.shape[1]} x {image.shape[0]} pixels, "
-                f"its rig file says {camera.width_px} x {camera.height_px}",
-                where=str(session.path),
-                advice="give the rig file's [camera] the size that the camera delivers",
-            )
-        stack.add(
-            image,
-            float(row["angle_rad"]),
-            angle_sd_rad=float(row["angle_sd_rad"]),
-            dark=bool(row["dark"]),
-            incomplete=bool(row["incomplete"]),
-        )
-    return stack
+def _corrected(corrections: Corrections, analysers: AnalyserCalibration | None) -> dict[str, bool]:
+    return {
+        "linearity": bool(corrections.linearity.coefficients),
+        "flat": corrections.flat is not None,
+        "analyser": analysers is not None,
+    }

@@ -9,6 +9,7 @@ black level.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,9 @@ from processing.errors import DataError
 from processing.optics.analyser import CONDITION_LIMIT, condition_number, least_squares, measurement_matrix
 
 Floats = NDArray[np.float64]
+
+SAME_SETTING_RAD = math.radians(0.5)
+"""Readings of a polarizer at one setting agree to within this."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,7 @@ class AnalyserCalibration:
             ratio: Floats = np.where(across > 0, self.transmittance / across, np.inf)
         return ratio
 
-    def idealised(self, light: NDArray[np.floating]) -> Floats:
+    def idealised(self, light: NDArray[np.floating], angles_rad: Sequence[float] | None = None) -> Floats:
         """Intensities as ideal analysers at the nominal angles would pass them.
 
         Stokes parameters are solved with the analysers found and passed through the ideal ones. Noise is that of the
@@ -72,11 +76,21 @@ class AnalyserCalibration:
 
         Args:
             light: (K, rows, columns) counts above black.
+            angles_rad: (K,) angles at which they were taken, if that may be others than were calibrated.
 
         Raises:
-            DataError: another number of angles, or another size than that of the sensor.
+            DataError: other angles, or another size than that of the sensor.
         """
         count = len(self.nominal_rad)
+        taken = self.nominal_rad if angles_rad is None else tuple(angles_rad)
+        if len(taken) != count or any(
+            abs(math.sin(a - b)) > SAME_SETTING_RAD for a, b in zip(taken, self.nominal_rad, strict=True)
+        ):
+            known, used = (", ".join(f"{math.degrees(a):.4g}" for a in x) for x in (self.nominal_rad, taken))
+            raise DataError(
+                f"the analysers were calibrated at {known} degrees, the frames were taken at {used}",
+                "calibrate at the angles that are used",
+            )
         if light.shape != (count, *self.shape):
             raise DataError(
                 f"intensities have shape {light.shape}, the calibration is of {(count, *self.shape)}",

@@ -7,6 +7,8 @@ For the live view and for whole recordings: no error planes (:func:`processing.o
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from typing import Any
 
 import numba
@@ -37,7 +39,8 @@ def ideal_solution(extinction_ratio: float = math.inf) -> Floats:
     """
     q, r = transmittances(extinction_ratio)
     sums = np.array([[0.5, 0.5, 0.5, 0.5], [1.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]])
-    return sums / np.array([[q + r], [q - r], [q - r]])
+    solution: Floats = sums / np.array([[q + r], [q - r], [q - r]])
+    return solution
 
 
 def mosaic_stokes_reference(
@@ -75,7 +78,9 @@ def mosaic_stokes(
     """Stokes parameters, DOLP and AOP of every pixel of one frame, interpolated as by
     :func:`processing.optics.demosaic.demosaic`.
 
-    Sums are exact or in float64; results are rounded to float32 once. DOLP is not debiased.
+    Sums of whole counts are exact or in float64, and results are rounded to float32 once: they are within 1e-6 of the
+    definition where S0 > 0. Of float32 frames, means of neighbours are rounded to float32 as well. DOLP is not
+    debiased.
 
     Args:
         image: (rows, columns) uint8, uint16 or float32; both even.
@@ -97,19 +102,32 @@ def mosaic_stokes(
     weights = _checked(image, solution, black_level)
     if image.dtype not in (np.uint8, np.uint16, np.float32):
         raise DataError(f"a mosaic frame is {image.dtype}", "give uint8, uint16 or float32")
+    if threads < 1:
+        raise DataError(f"{threads} threads", "give 1 or more")
     if out is None:
         out = np.empty((len(PLANES), *image.shape), dtype=np.float32)
     elif out.shape != (len(PLANES), *image.shape) or out.dtype != np.float32 or not out.flags.c_contiguous:
         raise DataError(
             f"the array to fill is {out.dtype} {out.shape}", f"give contiguous float32 {(len(PLANES), *image.shape)}"
         )
-    # Columns of the weights by place in the 2 x 2 cell: [3, row, column].
-    by_place = np.empty((3, 2, 2))
+    # By the row's parity, [row, S, place]: the angles in the row at even and odd columns, then those in its neighbours.
+    by_row = np.empty((2, 3, 4))
     for column, angle in enumerate(ANGLES_DEG):
-        by_place[:, *mosaic.place(angle)] = weights[:, column]
-    offset = black_level * weights.sum(axis=1)
-    run = _kernel if threads == 1 else _kernel_threads
-    run(np.ascontiguousarray(image), by_place, offset, saturation, threads, out)
+        i, k = mosaic.place(angle)
+        by_row[i, :, k] = by_row[1 - i, :, 2 + k] = weights[:, column]
+    rows, columns = image.shape
+    if columns < LANES:
+        # Mirrored to where a vector ends: as at the border, the columns' parity goes on.
+        wide = np.pad(image, ((0, 0), (0, LANES - columns)), mode="reflect")
+        out[:] = mosaic_stokes(
+            wide, mosaic, solution=weights, black_level=black_level, saturation=saturation, threads=threads
+        )[..., :columns]
+        return out
+    frame, offset = np.ascontiguousarray(image), black_level * weights.sum(axis=1)
+    bands = [(rows * band // threads, rows * (band + 1) // threads) for band in range(threads)]
+    with ThreadPoolExecutor(threads) if threads > 1 else nullcontext() as pool:
+        run = map if pool is None else pool.map
+        list(run(lambda band: _band(frame, by_row, offset, saturation, *band, out), bands))
     return out
 
 
@@ -124,18 +142,6 @@ def _checked(image: NDArray[Any], solution: ArrayLike | None, black_level: float
 
 
 @numba.njit(cache=True, nogil=True)
-def _kernel(
-    image: NDArray[Any], weights: Floats, offset: Floats, saturation: float, bands: int, out: NDArray[np.float32]
-) -> None:
-    rows = image.shape[0]
-    for band in numba.prange(bands):
-        _band(image, weights, offset, saturation, rows * band // bands, rows * (band + 1) // bands, out)
-
-
-_kernel_threads = numba.njit(cache=True, nogil=True, parallel=True)(_kernel.py_func)
-
-
-@numba.njit(cache=True, nogil=True)
 def _band(
     image: NDArray[Any],
     weights: Floats,
@@ -145,30 +151,17 @@ def _band(
     end: int,
     out: NDArray[np.float32],
 ) -> None:
-    """Rows ``first`` to ``end``."""
+    """Rows ``first`` to ``end``; 16 columns or more."""
     rows, columns = image.shape
     # Three lines of the image with a pixel more at each end, mirrored at the border: no line is converted twice.
-    width = max(columns, LANES) + 2
+    width = columns + 2
     above, here, below = np.zeros(width, np.float32), np.zeros(width, np.float32), np.zeros(width, np.float32)
-    narrow = np.empty((5, LANES), dtype=np.float32)
-    even = np.empty(LANES, dtype=np.float32)
-    for lane in range(LANES):
-        even[lane] = 1 - 2 * (lane % 2)
     _fill(image[first - 1 if first > 0 else 1], saturation, above)
     _fill(image[first], saturation, here)
     for row in range(first, end):
         _fill(image[row + 1 if row + 1 < rows else row - 1], saturation, below)
-        places = (weights[:, row % 2], weights[:, 1 - row % 2])
-        if columns < LANES:
-            _sixteen(above, here, below, 0, places, offset, even, narrow[0], narrow[1], narrow[2], narrow[3], narrow[4])
-            out[:, row] = narrow[:, :columns]
-        else:
-            o0, o1, o2, o3, o4 = out[0, row], out[1, row], out[2, row], out[3, row], out[4, row]
-            for start in range(0, columns - LANES + 1, LANES):
-                _sixteen(above, here, below, start, places, offset, even, o0, o1, o2, o3, o4)
-            # The last sixteen may overlap those before; as columns are even, it begins in an even one.
-            if columns % LANES:
-                _sixteen(above, here, below, columns - LANES, places, offset, even, o0, o1, o2, o3, o4)
+        i = row % 2
+        _row(above, here, below, weights[i], offset, out[0, row], out[1, row], out[2, row], out[3, row], out[4, row])
         above, here, below = here, below, above
 
 
@@ -183,39 +176,65 @@ def _fill(counts: NDArray[Any], saturation: float, line: NDArray[np.float32]) ->
     line[columns + 1] = line[columns - 1]
 
 
-@numba.njit(inline="always")
-def _sixteen(
+@numba.njit(cache=True, nogil=True)
+def _row(
     above: NDArray[np.float32],
     here: NDArray[np.float32],
     below: NDArray[np.float32],
-    k: int,
-    weights: tuple[Floats, Floats],
+    weights: Floats,
     offset: Floats,
-    even: NDArray[np.float32],
     o0: NDArray[np.float32],
     o1: NDArray[np.float32],
     o2: NDArray[np.float32],
     o3: NDArray[np.float32],
     o4: NDArray[np.float32],
 ) -> None:
-    """Sixteen pixels of a row from the even column ``k`` on.
+    """A row; ``weights`` (3, 4): of S by its angles at even and odd columns, and by its neighbours' at such columns."""
+    columns = o0.size
+    even = np.empty(LANES, dtype=np.float32)
+    for lane in range(LANES):
+        even[lane] = 1 - 2 * (lane % 2)
+    lanes = load(even, 0)
+    # Read before the loop: for all the compiler knows, storing results might change them.
+    a = (weights[0, 0], weights[0, 1], weights[0, 2], weights[0, 3], -offset[0])
+    b = (weights[1, 0], weights[1, 1], weights[1, 2], weights[1, 3], -offset[1])
+    c = (weights[2, 0], weights[2, 1], weights[2, 2], weights[2, 3], -offset[2])
+    for start in range(0, columns + LANES - 1, LANES):
+        # The last sixteen may overlap those before; as columns are even, it begins in an even one.
+        k = min(start, columns - LANES)
+        _sixteen(above, here, below, k, lanes, a, b, c, o0, o1, o2, o3, o4)
 
-    ``weights`` are those of the angles in the row and in its neighbours, [S, even or odd column].
-    """
+
+@numba.njit(nogil=True)
+def _sixteen(
+    above: NDArray[np.float32],
+    here: NDArray[np.float32],
+    below: NDArray[np.float32],
+    k: int,
+    even: Any,
+    a: Any,
+    b: Any,
+    c: Any,
+    o0: NDArray[np.float32],
+    o1: NDArray[np.float32],
+    o2: NDArray[np.float32],
+    o3: NDArray[np.float32],
+    o4: NDArray[np.float32],
+) -> None:
+    """Sixteen pixels of a row from the even column ``k`` on; ``a``, ``b``, ``c`` weigh its angles for S0, S1, S2."""
     half, whole = splat(_HALF), splat(_WHOLE)
     two, four, nan = splat(np.float32(0.5)), splat(np.float32(0.25)), splat(_NAN)
-    lane = load(even, 0)
     pixel = load(here, k + 1)
     beside = (load(here, k) + load(here, k + 2)) * two
     over = (load(above, k + 1) + load(below, k + 1)) * two
     across = ((load(above, k) + load(above, k + 2)) + (load(below, k) + load(below, k + 2))) * four
-    i00 = to_float64(where_positive(lane, pixel, beside))
-    i01 = to_float64(where_positive(lane, beside, pixel))
-    i10 = to_float64(where_positive(lane, over, across))
-    i11 = to_float64(where_positive(lane, across, over))
-    s0 = _mixed(i00, i01, i10, i11, weights, 0, offset)
-    s1 = _mixed(i00, i01, i10, i11, weights, 1, offset)
-    s2 = _mixed(i00, i01, i10, i11, weights, 2, offset)
+    i00 = to_float64(where_positive(even, pixel, beside))
+    i01 = to_float64(where_positive(even, beside, pixel))
+    i10 = to_float64(where_positive(even, over, across))
+    i11 = to_float64(where_positive(even, across, over))
+    s0 = _mixed(i00, i01, i10, i11, a)
+    s1 = _mixed(i00, i01, i10, i11, b)
+    s2 = _mixed(i00, i01, i10, i11, c)
     store(o0, k, s0)
     store(o1, k, s1)
     store(o2, k, s2)
@@ -239,9 +258,9 @@ def _sixteen(
     store(o4, k, where_positive(s0, angle, nan))
 
 
-@numba.njit(inline="always")
-def _mixed(i00: Any, i01: Any, i10: Any, i11: Any, weights: tuple[Floats, Floats], i: int, offset: Floats) -> Any:
-    total = fma(i00, splat(weights[0][i, 0]), splat(-offset[i]))
-    total = fma(i01, splat(weights[0][i, 1]), total)
-    total = fma(i10, splat(weights[1][i, 0]), total)
-    return to_float32(fma(i11, splat(weights[1][i, 1]), total))
+@numba.njit(nogil=True)
+def _mixed(i00: Any, i01: Any, i10: Any, i11: Any, weights: Any) -> Any:
+    total = fma(i00, splat(weights[0]), splat(weights[4]))
+    total = fma(i01, splat(weights[1]), total)
+    total = fma(i10, splat(weights[2]), total)
+    return to_float32(fma(i11, splat(weights[3]), total))

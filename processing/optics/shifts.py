@@ -1,8 +1,8 @@
 """Images of one scene behind different polarizers, and how far one is shifted against the other.
 
 A turning polarizer moves the image a little (its faces are not quite parallel), and so does a loose mount. Edges stay
-where they are while their contrast changes with polarization, even its sign: so images are compared by the size of their
-gradients, which has its maximum on an edge whatever the contrast.
+where they are while their contrast changes with polarization, even its sign: so images are compared by the size of
+their gradients, which has its maximum on an edge whatever the contrast.
 """
 
 from __future__ import annotations
@@ -185,14 +185,21 @@ def _refined(moving: Floats, still: Floats, weight: Floats, down: float, right: 
     slopes = np.gradient(still)
     spline = spline_filter(moving, order=3, mode="mirror", output=np.float64)
     power = gaussian_filter(still * still, CONTRAST_PX, mode="mirror") + _TINY * float(np.max(still)) ** 2 + _TINY
-    count = max(float(weight.sum()), 1.0)
+    edges = weight * still
+    if not edges.sum() > 0:
+        return NOTHING_KNOWN
+    count = float(weight.sum())
     moved = np.array([down, right])
     for _ in range(_ITERATIONS):
         warped = shift_image(spline, tuple(-moved), order=3, mode="mirror", prefilter=False)
         # Warped too far by e it is contrast (still + e gradient), to first order; contrast differs from edge to edge.
         contrast = gaussian_filter(warped * still, CONTRAST_PX, mode="mirror") / power
-        design = np.stack([(contrast * slope * weight).ravel() for slope in slopes], axis=1)
-        residual = ((warped - contrast * still) * weight).ravel()
+        # Where two edges with different changes of contrast meet, the model is wrong: such places count less.
+        misfit = gaussian_filter((warped - contrast * still) ** 2, SMOOTHING_PX, mode="mirror")
+        typical = float(np.average(misfit, weights=edges)) + _TINY
+        trust = np.sqrt(weight / (1.0 + misfit / typical))
+        design = np.stack([(contrast * slope * trust).ravel() for slope in slopes], axis=1)
+        residual = ((warped - contrast * still) * trust).ravel()
         normal = design.T @ design
         # A direction along which nothing changes cannot be measured.
         known = np.diag(normal) > _TINY * count * float(np.max(power))

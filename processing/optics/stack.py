@@ -214,7 +214,7 @@ class FrameStack:
         light, response = (corrections or Corrections()).apply(means.light)
         light, saturated, shifts, undone = registered(light, means.saturated, register)
         if analysers is not None:
-            light = analysers.idealised(light)
+            light = analysers.idealised(light, series.angles_rad)
         return AveragedSeries(
             light.astype(np.float32), saturated, series, means.incomplete, response, None, 0.0, shifts, undone
         )
