@@ -38,7 +38,7 @@ class PassSweeps:
     sd_m: NDArray[np.float64]
     """(sweeps,) standard uncertainty of ``x_m``."""
     speed_m_s: NDArray[np.float64]
-    """(sweeps,) speed along x, the mean over the up-ramp; NaN where it is not known."""
+    """(sweeps,) speed along x at the middle of each up-ramp."""
 
 
 @dataclass(frozen=True)
@@ -81,12 +81,7 @@ def pass_sweeps(session: Session) -> list[PassSweeps]:
         times_ns, time_sd_s = sample_times(session, run.indices[0], middles)
         # Without clock fixes the time's uncertainty is unknown, but the record's own stamp is good enough for a place.
         x_m, sd_m = track.at(times_ns, np.nan_to_num(time_sd_s, nan=0.0))
-        ends = [
-            sample_times(session, run.indices[0], sync.starts + share * sync.ramp_samples)[0] for share in (0.0, 1.0)
-        ]
-        ramp_s = sync.ramp_samples / session.sample_rate_hz
-        speed = (track.at(ends[1])[0] - track.at(ends[0])[0]) / ramp_s
-        found.append(PassSweeps(run, samples, sync, x_m, sd_m, speed))
+        found.append(PassSweeps(run, samples, sync, x_m, sd_m, track.speed_m_s(times_ns)))
     if not found:
         what = "holds no usable pass" if refused is None else f"no pass can be used: {refused.what}"
         raise PolfuseError(what, where=str(session.path), advice="record again" if refused is None else refused.advice)
@@ -126,7 +121,7 @@ def pass_profiles(session: Session, axis: NDArray[np.float64], window: str) -> P
         )
         x_m, sd_m = item.x_m[: len(profiles)], item.sd_m[: len(profiles)]
         speed = item.speed_m_s[: len(profiles)]
-        known = np.isfinite(x_m + speed) & (sd_m <= WORST_SD_WAVELENGTHS * waveform.wavelength_m)
+        known = np.isfinite(x_m) & (sd_m <= WORST_SD_WAVELENGTHS * waveform.wavelength_m)
         cells = np.where(known, np.floor(np.nan_to_num(x_m) / cell_m), np.nan)
         for cell in np.unique(cells[known]):
             members = np.flatnonzero(cells == cell)

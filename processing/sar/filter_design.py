@@ -121,8 +121,7 @@ def _waves(taps: int, cycles: NDArray[np.float64]) -> NDArray[np.complex128]:
 def _solution(taps: int, cycles: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
     """What makes the weights of a wanted wave, (2 frequencies, taps)."""
     # Narrow bands leave combinations of samples that see nothing of them; those stay zero.
-    solution: NDArray[np.float64] = np.linalg.pinv(_real(_waves(taps, cycles) * weight), rcond=1e-13)
-    return solution
+    return np.asarray(np.linalg.pinv(_real(_waves(taps, cycles) * weight), rcond=1e-13), dtype=np.float64)
 
 
 def _real(waves: NDArray[np.complex128]) -> NDArray[np.float64]:

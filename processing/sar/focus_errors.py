@@ -24,7 +24,7 @@ from processing.sar.interpolation import tap_weights, taps_of
 ARITHMETIC_DB = -139.0
 """What complex64 images and the compiled kernel's float32 sums leave."""
 
-OFFSETS_DB = -122.0
+OFFSETS_DB = -125.0
 """What the compiled kernel's float32 offsets within patches of pixels leave with filters of up to eight taps."""
 
 FREQUENCIES, PLACES = 129, 256

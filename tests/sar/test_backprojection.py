@@ -248,9 +248,10 @@ def test_filters_pass_samples_through_and_their_tables_agree(name):
     at_sample = np.zeros(taps)
     at_sample[taps // 2 - 1] = 1
     if name == "sinc8":
-        # Designed for the band, not for the samples: what is in the band is passed through, to -115 dB in the mean.
+        # Designed for the band, not for the samples: what is in the band is passed through, to -115 dB in the mean
+        # and some 20 dB more at its edges.
         waves = np.exp(2j * np.pi * np.outer(np.arange(-3, 5), np.linspace(-0.5, 0.5, 33) / 8))
-        np.testing.assert_allclose(tap_weights(name, 0.0, 8) @ waves, 1.0, atol=1e-5)
+        np.testing.assert_allclose(tap_weights(name, 0.0, 8) @ waves, 1.0, atol=3e-5)
     else:
         np.testing.assert_allclose(tap_weights(name, 0.0, 8), at_sample, atol=1e-15)
     # A constant is kept: exactly by polynomials, within the pass band's ripple by the sincs.
