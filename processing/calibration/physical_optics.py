@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 Matrices = NDArray[np.complex128]
 
 STEP_WAVELENGTHS = 0.5
-"""Edge of the small triangles that are integrated over, wavelengths; see the table in docs/calibration.md."""
+"""Edge of the small triangles that are integrated over, wavelengths; see the table in docs/calibration-targets.md."""
 CLOSEST_WAVELENGTHS = 1.0
 """An antenna nearer to a face than this is in its reactive field, where there is no wave to reflect."""
 
