@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from polfuse_lab.engine import collect
     from polfuse_lab.errors import PolfuseError
     from polfuse_lab.plans import load_plan
+    from polfuse_lab.products.analysis import analyse
     from polfuse_lab.products.calibrate import calibrate
     from polfuse_lab.products.calibration_inputs import TargetSpec
     from polfuse_lab.products.focus import focus
@@ -37,6 +38,7 @@ __all__ = [
     "PolfuseError",
     "Products",
     "TargetSpec",
+    "analyse",
     "calibrate",
     "collect",
     "focus",
@@ -54,6 +56,7 @@ _HOMES = {
     "PolfuseError": ("polfuse_lab.errors", "PolfuseError"),
     "Products": ("polfuse_lab.products.store", "Products"),
     "TargetSpec": ("polfuse_lab.products.calibration_inputs", "TargetSpec"),
+    "analyse": ("polfuse_lab.products.analysis", "analyse"),
     "calibrate": ("polfuse_lab.products.calibrate", "calibrate"),
     "collect": ("polfuse_lab.engine", "collect"),
     "focus": ("polfuse_lab.products.focus", "focus"),
