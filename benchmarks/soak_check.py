@@ -118,9 +118,13 @@ def check_wires(path: Path, camera: str) -> dict[str, object]:
                 found.append(f"audio record {index} has a gap")
             samples += len(counted)
         offsets = set()
+        last, wraps = 0, 0
         for index, row in enumerate(session.frames):
+            # Block ids of 16 bits go on with 1 after 65535: the number of the frame is what they count on.
+            block_id = int(row["frame_id"])
+            wraps, last = wraps + (block_id < last), block_id
             number = pictures.number_of(session.frame(index))
-            offsets.add(-1 if number is None else (int(row["frame_id"]) - number) % pictures.CYCLE)
+            offsets.add(-1 if number is None else (block_id + 0xFFFF * wraps - number) % pictures.CYCLE)
             if len(offsets) > 1 or number is None:
                 found.append(f"frame {index} does not show its number")
         return {"samples": samples, "frames": len(session.frames), "problems": found[:20]}
