@@ -17,14 +17,18 @@ class TargetKind(StrEnum):
     """Reflectors to calibrate on."""
 
     trihedral = "trihedral"
+    trihedral_triangular = "trihedral_triangular"
     plate = "plate"
+    sphere = "sphere"
 
 
 class CheckKind(StrEnum):
     """Reflectors to measure with the calibration."""
 
     trihedral = "trihedral"
+    trihedral_triangular = "trihedral_triangular"
     plate = "plate"
+    sphere = "sphere"
     dihedral = "dihedral"
 
 
@@ -45,11 +49,13 @@ class Mode(StrEnum):
 @guarded
 def calibrate(
     products: Annotated[Path, typer.Argument(help="Products file with a focused image.")],
-    target: Annotated[TargetKind | None, typer.Option(help="What to calibrate on (square faces).")] = None,
+    target: Annotated[
+        TargetKind | None, typer.Option(help="What to calibrate on (a trihedral without more words has square faces).")
+    ] = None,
     at: Annotated[
         str | None, typer.Option(metavar="X,Y", help="Its place: x along the rail, ground range y, metres.")
     ] = None,
-    edge_m: Annotated[float, typer.Option(help="Edge of its faces, metres.")] = 0.61,
+    edge_m: Annotated[float, typer.Option(help="Edge of its faces (a sphere's diameter), metres.")] = 0.61,
     azimuth_deg: Annotated[
         float | None, typer.Option(help="Azimuth of the aperture's centre in its frame, deg [trihedral: 45, plate: 0].")
     ] = None,
@@ -189,6 +195,7 @@ def calibrate(
         reference=reference,
         phase_sd_rad=radians(phase_sd_deg),
         shift_sd_m=shift_sd_m,
+        near_field=near_field,
         on_target=lambda view: progress(options.told(view)),
     )
     from polfuse_lab.cli.calibration_told import lines, values

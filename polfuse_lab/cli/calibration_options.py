@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from polfuse_lab.products.calibrate import Region, TargetSpec
     from polfuse_lab.products.calibration_targets import TargetView
 
-KINDS = ("trihedral", "plate", "dihedral", "dihedral_45")
+KINDS = ("trihedral", "trihedral_triangular", "plate", "sphere", "dihedral", "dihedral_45")
 """Targets that may be stated in one word; a dihedral's fold stands upright, or at 45 degrees."""
 
 
@@ -64,7 +64,7 @@ def spec(
     from polfuse_lab.products.calibrate import TargetSpec
     from processing.calibration.rcs import TRIHEDRAL_AXIS_ELEVATION_RAD
 
-    corner = kind == "trihedral"
+    corner = kind.startswith("trihedral")
     folds = {"dihedral_45": 45.0, "dihedral": 90.0}
     axis = TRIHEDRAL_AXIS_ELEVATION_RAD if corner else 0.0
     return TargetSpec(

@@ -65,6 +65,7 @@ def calibrate(
     reference: Path | str | None = None,
     phase_sd_rad: float = 0.0,
     shift_sd_m: float = 0.0,
+    near_field: bool = False,
     draws: int = 1000,
     on_target: OnTarget | None = None,
 ) -> CalibrationResult:
@@ -103,6 +104,8 @@ def calibrate(
             series; the target is looked for in ``products_path`` itself where left out.
         phase_sd_rad: standard deviation of the phase between channels recorded one after the other, rad.
         shift_sd_m: standard deviation with which the trolley comes back to a place, m.
+        near_field: whether the series' targets are expected as physical optics has them at their distance (those in
+            the image say so themselves).
         draws: of the Monte Carlo of the uncertainties.
         on_target: called with each target as it was found and judged.
 
@@ -127,7 +130,10 @@ def calibrate(
     if series is not None:
         sky_session = None if sky is None or is_products(Path(sky)) else sky
         with open_session(series) as session:
-            views = [_told(view, tell) for view in look_at_series(session, focused, sky=sky_session, **looks)]
+            views = [
+                _told(view, tell)
+                for view in look_at_series(session, focused, sky=sky_session, near_field=near_field, **looks)
+            ]
     if target is not None and not inside[0].verdict.ok:
         raise DataError(inside[0].verdict.reason, inside[0].verdict.advice)
     solved = solve(products.path, focused, views, seen=seen, clutter=clutter, phase_sd_rad=phase_sd_rad, draws=draws)

@@ -38,13 +38,13 @@ class TargetSpec:
     """A reflector that stands in the scene, as its owner states it."""
 
     kind: str
-    """``"trihedral"`` (square faces), ``"dihedral"`` or ``"plate"``."""
+    """``"trihedral"`` (square faces), ``"trihedral_triangular"``, ``"dihedral"``, ``"plate"`` or ``"sphere"``."""
     x_m: float
     """Place along the rail, m."""
     y_m: float
     """Ground range from the rail, m."""
     edge_m: float
-    """Edge of its square faces, m."""
+    """Edge of its faces, m (a triangular trihedral's: from the corner to a tip); a sphere's diameter."""
     azimuth_rad: float = 0.0
     """Direction to the aperture's centre in its own frame: from the edges (trihedral) or the boresight, rad."""
     elevation_rad: float = 0.0
@@ -84,16 +84,11 @@ class TargetSpec:
 
     @classmethod
     def of(cls, target: SeriesTarget) -> TargetSpec:
-        """A target of a calibration series. Raises :class:`DataError` for a trihedral with triangular faces."""
-        kinds = {"trihedral_square": "trihedral", "dihedral": "dihedral", "dihedral_45": "dihedral", "plate": "plate"}
-        if target.kind not in kinds:
-            raise DataError(
-                f"images of a {target.kind} with triangular faces are not modelled",
-                "calibrate on a trihedral with square faces, or with the constant of triangular_trihedral_rcs",
-            )
+        """A target of a calibration series."""
+        kinds = {"trihedral": "trihedral_triangular", "trihedral_square": "trihedral", "dihedral_45": "dihedral"}
         folds_deg = {"dihedral": 90.0, "dihedral_45": 45.0}
         return cls(
-            kind=kinds[target.kind],
+            kind=kinds.get(target.kind, target.kind),
             x_m=target.x_m,
             y_m=target.range_m,
             edge_m=target.edge_m,

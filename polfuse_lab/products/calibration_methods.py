@@ -25,7 +25,7 @@ from processing.errors import DataError
 
 Floats = NDArray[np.float64]
 
-ODD_BOUNCE = ("trihedral", "plate")
+ODD_BOUNCE = ("trihedral", "trihedral_triangular", "plate", "sphere")
 """Kinds of target whose S is a multiple of the identity, which the constant needs."""
 
 Method = Literal["isolated", "targets", "quegan", "ainsworth"]

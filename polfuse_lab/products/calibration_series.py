@@ -54,7 +54,13 @@ NOISE_CELLS = 15
 
 
 def look_at_series(
-    session: Session, focused: FocusedImage, *, radius_m: float, min_snr_db: float, sky: Path | str | None = None
+    session: Session,
+    focused: FocusedImage,
+    *,
+    radius_m: float,
+    min_snr_db: float,
+    sky: Path | str | None = None,
+    near_field: bool = False,
 ) -> Iterator[TargetView]:
     """Look at each target of a calibration series in turn, as the image to be calibrated was made.
 
@@ -64,6 +70,7 @@ def look_at_series(
         radius_m: how far from its stated place a target's peak may be, m.
         min_snr_db: least peak over noise, dB.
         sky: session of the clear sky, whose mean profile (coupling between the antennas) is taken off.
+        near_field: whether targets are expected as physical optics has them at their distance.
 
     Yields:
         One view for each target, in the series' order, with its verdict.
@@ -87,7 +94,7 @@ def look_at_series(
             advice="calibrate with a series from the same radar settings",
         )
     for target in series:
-        yield _look(session, focused, target, radius_m, min_snr_db, sky)
+        yield _look(session, focused, target, radius_m, min_snr_db, sky, near_field)
 
 
 def _look(
@@ -97,14 +104,11 @@ def _look(
     radius_m: float,
     min_snr_db: float,
     sky: Path | str | None,
+    near_field: bool,
 ) -> TargetView:
     """One target; whatever is wrong with it is told by its verdict."""
     nothing = np.full((2, 2), np.nan + 0j)
-    try:
-        spec = TargetSpec.of(target)
-    except DataError as error:
-        stand_in = TargetSpec("plate", target.x_m, target.range_m, target.edge_m, name=target.name)
-        return unseen(stand_in, nothing, Verdict(False, error.what, error.advice))
+    spec = replace(TargetSpec.of(target), near_field=near_field)
     groups: dict[int, list[int]] = {}
     for position, visit in visits(session).items():
         if visit.target == target.name:

@@ -170,17 +170,16 @@ def reference_errors(focused: FocusedImage, target: TargetSpec, view: TargetView
 
     weights = focused.pulse_weights(np.asarray(target.reflector(focused.z_m).position_m))
     sds = (target.angle_sd_rad, target.position_sd_m, target.edge_sd_m)
-    found = {"rcs_dbsm": rcs_dbsm if any(sds) else None}
+    found = ReferenceErrors(*sds, rcs_dbsm=rcs_dbsm if any(sds) else None)
     if view is None or not np.isfinite(view.snr_db):
-        return ReferenceErrors(*sds, **found)
+        return found
     slant2 = view.y_m**2 + view.x_m**2 + focused.z_m**2
     cell = SPEED_OF_LIGHT_M_S / (2 * focused.bandwidth_hz) * np.sqrt(slant2) / view.y_m
-    return ReferenceErrors(
-        *sds,
+    return replace(
+        found,
         range_sd_m=float(PEAK_SD_CELLS * cell * 10 ** (-view.snr_db / 20)),
         # The image holds R^2 in amplitude: 20 log10 of it changes by 40 / ln 10 y / R^2.
         range_db_per_m=float(40 / np.log(10) * view.y_m / slant2),
-        **found,
     )
 
 

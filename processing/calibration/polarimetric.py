@@ -167,7 +167,8 @@ def calibrate_isolated(
         DataError: HH or VV is zero or undefined.
     """
     hh, vv = (complex(target.values[CHANNELS.index(name)]) for name in ("HH", "VV"))
-    distortion = imbalance(vv / hh if hh else float("nan"), cross_ratio)
+    stated = complex(target.expected[1, 1] / target.expected[0, 0])
+    distortion = imbalance(vv / hh / stated if hh else float("nan"), cross_ratio)
     values = np.array([[hh, vv]])
     noise = np.asarray(target.noise)[[0, 3]]
     crosses = np.asarray(target.values)[[1, 2]]
@@ -177,7 +178,7 @@ def calibrate_isolated(
     def model(deviations: Floats) -> Floats:
         n, p, a, r = _split(deviations, (4, 2, 1, 6))
         off = values * np.exp(1j * np.radians(p)) + (n[:, :2] + 1j * n[:, 2:])
-        ratio = off[:, 1] / off[:, 0]
+        ratio = off[:, 1] / off[:, 0] / stated
         constant = expected_db + _rcs_change_db(errors, r) - to_dbsm(np.abs(off[:, 0]) ** 2) + a[:, 0]
         return np.stack([constant, to_dbsm(np.abs(ratio) ** 2), np.degrees(np.angle(ratio))], axis=1)
 

@@ -251,7 +251,7 @@ def test_command_line(products: Path, sky_path: Path) -> None:
     ("arguments", "status", "words"),
     [
         (["--target", "trihedral", "--at", "here"], 2, "--at"),
-        (["--target", "sphere", "--at", "0,8"], 2, "sphere"),
+        (["--target", "cube", "--at", "0,8"], 2, "cube"),
         (["--target", "trihedral", "--at", "0.3,8", "--check", "dihedral"], 2, "--check-at"),
         (["--target", "trihedral", "--at", "0.3,8", "--check-at", "1,2"], 2, "--check"),
         (["--target", "trihedral", "--at", "40,8"], 1, "outside the image"),

@@ -16,7 +16,6 @@ from polfuse_lab.products.calibrate import calibrate
 from polfuse_lab.products.calibration_inputs import TargetSpec
 from polfuse_lab.products.focus import focus
 from polfuse_lab.products.store import Products
-from processing.errors import DataError
 from processing.sar.grid import ImageGrid
 
 PLATE = SeriesTarget(name="plate", kind="plate", edge_m=0.5, range_m=6.0)
@@ -90,5 +89,5 @@ def test_targets_as_calibration_knows_them() -> None:
     assert (dihedral.kind, dihedral.y_m) == ("dihedral", 4.0)
     assert np.degrees([dihedral.fold_rad, dihedral.azimuth_rad]) == pytest.approx([45, 10])
     assert TargetSpec.of(SeriesTarget(name="t", kind="trihedral_square", edge_m=1.0, range_m=4.0)).kind == "trihedral"
-    with pytest.raises(DataError, match="triangular faces are not modelled"):
-        TargetSpec.of(SeriesTarget(name="t", kind="trihedral", edge_m=1.0, range_m=4.0))
+    triangular = TargetSpec.of(SeriesTarget(name="t", kind="trihedral", edge_m=1.0, range_m=4.0))
+    assert triangular.kind == "trihedral_triangular"
