@@ -87,7 +87,11 @@ class Placement:
     def local(self, geodetic: ArrayLike) -> Floats:
         """(..., 3) the rig's coordinates of latitude, longitude (degrees) and height (m) (..., 3)."""
         lat, lon, height = np.moveaxis(np.asarray(geodetic, dtype=np.float64), -1, 0)
-        return np.asarray((ecef_of_geodetic(lat, lon, height) - self.origin_m) @ self.axes.T)
+        return self.local_of_ecef(ecef_of_geodetic(lat, lon, height))
+
+    def local_of_ecef(self, ecef_m: ArrayLike) -> Floats:
+        """(..., 3) the rig's coordinates of ECEF points (..., 3)."""
+        return np.asarray((np.asarray(ecef_m, dtype=np.float64) - self.origin_m) @ self.axes.T)
 
 
 def sagitta_m(distance_m: float) -> float:

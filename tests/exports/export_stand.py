@@ -33,7 +33,7 @@ def rig_file(path: Path, heading: float | None = 30.0) -> Path:
 def products_file(path: Path, *, calibrated: bool = True) -> Path:
     """Stages "ranging", "focus", "calibration": 41 positions, an image of 30 x 24 pixels, a corner of it undefined."""
     rng = np.random.default_rng(4)
-    x, y, z = -3.0 + 0.25 * np.arange(24), 5.0 + 0.3 * np.arange(30), -1.07
+    x, y, z = -1.2 + 0.1 * np.arange(24), 8.0 + 0.3 * np.arange(30), -1.07
     image = (rng.normal(size=(4, 30, 24)) + 1j * rng.normal(size=(4, 30, 24))).astype(np.complex64)
     image[:, :4, :3] = np.nan
     antenna = np.zeros((41, 3))
