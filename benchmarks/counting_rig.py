@@ -35,6 +35,7 @@ from polfuse_lab.scheduler.lane import Lane
 RATE_HZ = 192_000
 FRAME_HZ = 60
 SHAPE = (582, 782)
+EXPOSURE_S = 0.001
 PROBE_FRAMES = 256
 """Frames that the scheduler listens to before it begins, and does not keep."""
 SWEEPS = 117
@@ -179,7 +180,9 @@ class CountingCamera(_Still):
         """The next frame."""
         number = self.next
         self.next += 1
-        return Frame(counted_image(number), number, 0.001, 0.0, number / FRAME_HZ, time.monotonic_ns())
+        # It is here since its exposure is over.
+        begun_ns = time.monotonic_ns() - round(EXPOSURE_S * 1e9)
+        return Frame(counted_image(number), number, EXPOSURE_S, 0.0, number / FRAME_HZ, begun_ns)
 
     def clock(self) -> ClockFix | None:
         """It has none."""
