@@ -7,7 +7,6 @@ repeated measurements are averaged; and a look at the sky shows the noise agains
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.analysis_target import NearFieldEffect, near_field_effect, target_pattern
 from polfuse_lab.products.calibration_inputs import SKY_WINDOW_CELLS, is_products, read_focused, sky_noise
 from polfuse_lab.products.store import Products
 from processing.calibration.noise import noise_floor
+from processing.calibration.pattern_measurement import MeasuredPattern
 from processing.calibration.rcs import to_dbsm
 from processing.calibration.region_analysis import (
     STRIP_M,
@@ -31,11 +32,8 @@ from processing.calibration.region_analysis import (
 )
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 from processing.sar.quality import range_gain
-from processing.scene.model import Reflector
 
 STAGE = "analysis"
-FLAT_FACED = ("plate", "dihedral", "trihedral", "trihedral_triangular")
-"""Kinds of target whose near field is known."""
 
 Floats = NDArray[np.float64]
 
@@ -52,18 +50,6 @@ class ChannelPeak:
     """RCS, dBsm; NaN where the products are not calibrated."""
     sd_db: float
     """Standard deviation of the mean of the repeats there, dB; NaN for a single measurement."""
-
-
-@dataclass(frozen=True)
-class NearFieldEffect:
-    """How far the calibration target's RCS at its distance is from the closed form that it was calibrated with."""
-
-    distance_m: float
-    """Of the target from the nearest antenna, m."""
-    far_field_m: float
-    """Distance from which the closed form holds, m."""
-    correction_db: dict[str, float]
-    """By co-polarized channel: physical optics at the true distances over the closed form, dB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +88,8 @@ class Analysis:
     """By channel."""
     near_field: NearFieldEffect | None
     """What the calibration target's distance does to its RCS; None without calibration or for a round target."""
+    pattern: tuple[tuple[str, ...], MeasuredPattern] | None
+    """Co-polarized channels, and the antennas' two-way pattern that the calibration target shows; None without one."""
 
 
 def analyse(
@@ -167,7 +155,8 @@ def analyse(
         calibrated=calibrated[0],
         sky=None if sky is None else sky_power(sky, first, channels),
         peaks=_peaks(channels, y, place[1], search_m, _row_gain(first, place[0], y), power, rcs),
-        near_field=_near_field(first) if calibrated[0] else None,
+        near_field=near_field_effect(first) if calibrated[0] else None,
+        pattern=target_pattern(first) if calibrated[0] else None,
     )
     inputs: list[Path | str] = [item.path for item in measured]
     _write(first, result, inputs if sky is None else [*inputs, sky], strip_m, region_m)
@@ -238,28 +227,6 @@ def _row_gain(products: Products, x_m: float, y: Floats) -> Floats:
     return np.asarray(range_gain(x_m, y, float(settings["z_m"])) ** 2)
 
 
-def _near_field(products: Products) -> NearFieldEffect | None:
-    from processing.calibration.near_field import near_field
-
-    focused = read_focused(products)
-    target = products.settings("calibration")["target"]
-    if target["kind"] not in FLAT_FACED:
-        return None
-    reflector = Reflector(
-        name=str(target["kind"]),
-        kind=str(target["kind"]),
-        position_m=(float(target["x_m"]), float(target["y_m"]), focused.z_m + float(target["height_m"])),
-        edge_m=float(target["edge_m"]),
-        azimuth_rad=math.radians(target["azimuth_deg"]),
-        elevation_rad=math.radians(target["elevation_deg"]),
-        fold_rad=math.radians(target["fold_deg"]),
-    )
-    weights = focused.pulse_weights(np.asarray(reflector.position_m))
-    seen = near_field(reflector, focused.antenna_m, focused.wavelength_m, weights)
-    co = {name: float(seen.correction_db[index, index]) for index, name in enumerate(("HH", "VV"))}
-    return NearFieldEffect(seen.distance_m, seen.far_field_m, {k: v for k, v in co.items() if k in focused.channels})
-
-
 def _peaks(
     channels: tuple[str, ...],
     y: Floats,
@@ -302,6 +269,10 @@ def _write(products: Products, result: Analysis, inputs: Sequence[Path | str], s
     if result.sky is not None:
         arrays |= {"sky_range_m": result.sky.range_m, "sky_power": result.sky.power, "sky_floor": result.sky.floor}
         units["sky_range_m"] = "m"
+    if result.pattern is not None:
+        seen = result.pattern[1]
+        arrays |= {"azimuth_rad": seen.azimuth_rad, "off_axis_rad": seen.off_axis_rad, "pattern_db": seen.level_db}
+        units |= {"azimuth_rad": "rad", "off_axis_rad": "rad", "pattern_db": "dB"}
     products.write(
         STAGE,
         arrays,
@@ -317,6 +288,8 @@ def _write(products: Products, result: Analysis, inputs: Sequence[Path | str], s
             "pixels": result.matrices.pixels,
             "peaks": result.peaks,
             "near_field": result.near_field,
+            "pattern_channels": None if result.pattern is None else list(result.pattern[0]),
+            "beamwidth_rad": products.settings("focus").get("beamwidth_rad"),
         },
         inputs=inputs,
         units=units,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from polfuse_lab.products import style
 from processing.calibration.rcs import to_dbsm
+from processing.radar.antenna import one_way_gain
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -117,9 +118,36 @@ def sky_figure(analysis: Arrays, settings: Mapping[str, Any]) -> Figure:
     return figure
 
 
+def pattern_figure(analysis: Arrays, settings: Mapping[str, Any]) -> Figure:
+    """Two-way pattern of the antennas by direction, as the calibration target shows it, and the model that is used."""
+    figure = style.new_figure(7.0, 3.8, title="Antenna pattern from the calibration target")
+    axes = figure.add_subplot()
+    order = np.argsort(analysis["azimuth_rad"])
+    azimuth = np.degrees(analysis["azimuth_rad"])[order]
+    for index, name in enumerate(settings["pattern_channels"]):
+        level = analysis["pattern_db"][index][order]
+        colour = style.CLASS_COLOURS[(0, 3)[index]]
+        axes.plot(azimuth, level, ".-", color=colour, linewidth=0.8, label=f"{name}, measured")
+    if settings["beamwidth_rad"] is not None:
+        # Two antennas: the two-way amplitude pattern is the one-way power pattern.
+        gain = one_way_gain(np.cos(analysis["off_axis_rad"][order]), float(settings["beamwidth_rad"]))
+        beam = np.degrees(float(settings["beamwidth_rad"]))
+        axes.plot(azimuth, style.decibels(gain / gain.max()), "--", color="0.4", label=f"model, {beam:.0f}° beam")
+    levels = analysis["pattern_db"][np.isfinite(analysis["pattern_db"])]
+    axes.set_ylim(min(-6.0, float(np.floor(levels.min())) - 1 if levels.size else -6.0), 1.0)
+    axes.set_xlabel("azimuth of the target from the antenna [°]")
+    axes.set_ylabel("two-way power [dB]")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize="small", ncols=3, loc="lower center")
+    style.panel(axes, "echo at each position over the target's own response")
+    return figure
+
+
 def figures_of(analysis: Arrays, settings: Mapping[str, Any]) -> dict[str, Figure]:
     """All pictures of the stage by the name of their file; the sky's only where it was looked at."""
     found = {"analysis": strip_figure(analysis, settings), "matrices": matrices_figure(analysis, settings)}
+    if "pattern_db" in analysis:
+        found["pattern"] = pattern_figure(analysis, settings)
     return found | ({"sky": sky_figure(analysis, settings)} if "sky_power" in analysis else {})
 
 

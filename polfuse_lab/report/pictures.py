@@ -101,6 +101,11 @@ def _analysis(products: Products) -> list[Picture]:
             "Relative to HH, from mean received powers as thesis 5.11 and from complex amplitudes: powers do not tell "
             "a trihedral from a dihedral, whose VV has the opposite sign.",
         ),
+        "pattern": (
+            "Antenna pattern",
+            "Two-way pattern of the co-polarized channels along the rail: the calibration target's echo at each "
+            "position over its own response there, and the model with which images are formed.",
+        ),
         "sky": ("The sky", "What the radar receives from the clear sky, and what of it is noise (thesis Fig. 5.21)."),
     }
     drawn = figures_of(products.read("analysis"), products.settings("analysis"))

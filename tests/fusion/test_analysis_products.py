@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from conftest import (
     AMPLITUDE,
+    DEPRESSION_RAD,
     GRID,
     GROUND_Z_M,
     NOISE,
@@ -30,8 +31,10 @@ from polfuse_lab.products.store import Products
 from polfuse_lab.report.numbers import stage_numbers
 from polfuse_lab.report.pictures import stage_pictures
 from processing.calibration.near_field import near_field_scattering
+from processing.calibration.pattern_measurement import measured_pattern
 from processing.calibration.region_analysis import mean_of_repeats, strip_power
 from processing.errors import DataError
+from processing.radar.antenna import one_way_gain
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 from processing.scene.model import Reflector, Scene
 
@@ -112,7 +115,42 @@ def test_sky_shows_noise_that_grows_with_range(corner: Path, tmp_path: Path) -> 
     expected = NOISE**2 * np.hypot(found.y_m, GROUND_Z_M) ** 4 / 61
     np.testing.assert_allclose(found.noise_power, np.broadcast_to(expected, found.noise_power.shape), rtol=0.25)
     figures = figures_of(Products(corner).read("analysis"), Products(corner).settings("analysis"))
-    assert list(figures) == ["analysis", "matrices", "sky"]
+    assert list(figures) == ["analysis", "matrices", "pattern", "sky"]
+
+
+def test_pattern_of_the_antennas_is_recovered(tmp_path: Path) -> None:
+    # Profiles made with beams of 50 degrees; isolated and without noise: linear interpolation between eight bins in a
+    # cell is good to (pi / 8)^2 / 8 = 2 % of the amplitude, 0.17 dB, at most.
+    beamwidth = deg(50)
+    profiles = range_profiles(Scene("s", reflectors=(TRIHEDRAL,)), IDEAL, IDEAL, beamwidth_rad=beamwidth)
+    path = tmp_path / "beam.h5"
+    write_radar(path, profiles, GRID, beamwidth_rad=beamwidth, depression_rad=DEPRESSION_RAD)
+    calibrate(path, SPEC)
+    found = analyse(path).pattern
+    assert found is not None
+    channels, pattern = found
+    assert channels == ("HH", "VV")
+    model = 20 * np.log10(one_way_gain(np.cos(pattern.off_axis_rad), beamwidth))
+    for level in pattern.level_db:
+        np.testing.assert_allclose(level, model - model.max(), atol=0.2)
+    # The target stands 0.3 m to the right of the middle: seen from the left end under atan(1.82 / 8).
+    assert pattern.azimuth_rad[0] == pytest.approx(np.arctan2(0.3 + 1.524, 8.0), rel=1e-3)
+
+
+def test_a_target_from_another_file_tells_no_pattern(corner: Path, repeats: list[Path]) -> None:
+    calibrate(corner, SPEC, reference=repeats[1])
+    assert analyse(corner).pattern is None
+
+
+def test_patterns_that_cannot_be_measured() -> None:
+    profiles, axis, places = np.ones((1, 3, 8)), np.arange(8.0), np.zeros((3, 3))
+    with pytest.raises(DataError, match="give \\(channels"):
+        measured_pattern(profiles, axis, places, (0, 5, 0), np.ones((2, 3)))
+    with pytest.raises(DataError, match="at an antenna"):
+        measured_pattern(profiles, axis, places, (0, 0, 0), np.ones((1, 3)))
+    # A target that answers nowhere, or lies beyond the profile, tells nothing.
+    assert np.isnan(measured_pattern(profiles, axis, places, (0, 5, 0), np.zeros((1, 3))).level_db).all()
+    assert np.isnan(measured_pattern(profiles, axis, places, (0, 50, 0), np.ones((1, 3))).level_db).all()
 
 
 def near_products(path: Path, reflector: Reflector) -> Path:
@@ -161,12 +199,18 @@ def test_command_line_pictures_and_report(corner: Path, repeats: list[Path], tmp
     assert printed["peaks"].keys() == {"HH", "HV", "VH", "VV"}
     assert printed["matrix_power"][0][0] == 1
     assert len(printed["matrix_complex"][1][1]) == 2
-    assert [Path(path).name for path in printed["figures"]] == ["analysis.png", "matrices.png", "sky.png"]
+    assert [Path(path).name for path in printed["figures"]] == [
+        "analysis.png",
+        "matrices.png",
+        "pattern.png",
+        "sky.png",
+    ]
     assert all(Path(path).stat().st_size > 10_000 for path in printed["figures"])
     readable = CliRunner().invoke(build(), arguments[:-2])
     assert readable.exit_code == 0
     assert "received power relative to HH" in readable.stdout
-    assert [picture.name for picture in stage_pictures(Products(corner), "analysis")] == ["analysis", "matrices", "sky"]
+    shown = [picture.name for picture in stage_pictures(Products(corner), "analysis")]
+    assert shown == ["analysis", "matrices", "pattern", "sky"]
     store = Products(corner)
     # What `polfuse focus` tells of itself.
     told = {**store.settings("focus"), "method": "bp", "interpolator": "sinc8", "predicted_error_db": -60.0}
