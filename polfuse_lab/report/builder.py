@@ -14,6 +14,7 @@ from markupsafe import Markup
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.checks import read_checks
 from polfuse_lab.products.store import Products
+from polfuse_lab.report.calibration import calibration_tables
 from polfuse_lab.report.numbers import stage_numbers
 from polfuse_lab.report.pictures import Picture, stage_pictures
 from polfuse_lab.report.text import Number, check_texts, size_text, value_text
@@ -53,6 +54,7 @@ def report(
         lead=_lead(products),
         css=Markup(files(__package__).joinpath("page.css").read_text(encoding="utf-8")),
         numbers=stage_numbers(products) if numbers is None else numbers,
+        tables=calibration_tables(products),
         checks=checks,
         all_ok=all(check.ok for check in checks),
         failed=sum(not check.ok for check in checks),

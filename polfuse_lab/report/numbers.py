@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from polfuse_lab.products.store import Products
+from polfuse_lab.report.calibration import crosstalk_numbers
 from polfuse_lab.report.text import Number
 
 
@@ -20,6 +21,12 @@ def stage_numbers(products: Products) -> list[Number]:
 def _number(settings: Mapping[str, Any], key: str) -> float:
     """A number from settings, where undefined ones are null."""
     return float("nan") if settings.get(key) is None else float(settings[key])
+
+
+def _sd(settings: Mapping[str, Any], result: str) -> float | None:
+    """Standard uncertainty of a calibration's result, where its budget tells one."""
+    told = settings.get("uncertainty", {}).get(result, {}).get("sd")
+    return None if told is None else float(told)
 
 
 def _ranging(products: Products) -> list[Number]:
@@ -72,8 +79,21 @@ def _calibration(products: Products) -> list[Number]:
             _number(settings, "constant_sd_db"),
             f"RCS minus image power, from the {kind}",
         ),
-        Number("Imbalance, amplitude", _number(settings, "imbalance_db"), "dB", note=f"VV over HH of the {kind}"),
-        Number("Imbalance, phase", _number(settings, "imbalance_deg"), "°", note=f"VV against HH of the {kind}"),
+        Number(
+            "Imbalance, amplitude",
+            _number(settings, "imbalance_db"),
+            "dB",
+            _sd(settings, "co_imbalance_db"),
+            f"VV over HH of the {kind}",
+        ),
+        Number(
+            "Imbalance, phase",
+            _number(settings, "imbalance_deg"),
+            "°",
+            _sd(settings, "co_imbalance_deg"),
+            f"VV against HH of the {kind}",
+        ),
+        *crosstalk_numbers(settings),
     ]
     for channel, value in sorted(settings["crosstalk_db"].items()):
         found.append(Number(f"Crosstalk {channel}", float(value), "dB", note=f"cross over co return of the {kind}"))

@@ -14,6 +14,8 @@ from polfuse_lab.cli import build
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.calibrate import Region, TargetSpec, calibrate
 from polfuse_lab.products.store import Products
+from polfuse_lab.report.builder import report
+from polfuse_lab.report.calibration import calibration_tables, crosstalk_numbers
 from processing.calibration.distortion import CHANNELS, channel_values
 from processing.calibration.rcs import square_trihedral_rcs
 from processing.errors import DataError
@@ -52,7 +54,8 @@ def write_image(path: Path, targets, *, meadow=0.0, seed=0) -> Path:
     shared = {"channels": CHANNELS, "range_compensated": True, "window": "hann", "oversampling": 8}
     blank = {"profiles": np.zeros((4, 37, 2), np.complex64), "range_m": np.arange(2.0), "antenna_m": ANTENNA}
     products.write("ranging", blank, settings=shared, inputs=[], units={})
-    settings = {"channels": CHANNELS, "z_m": GROUND_Z_M, "centre_hz": CENTRE_HZ, "bandwidth_hz": BANDWIDTH_HZ}
+    made = {"method": "bp", "interpolator": "sinc8", "predicted_error_db": -90.0}
+    settings = {"channels": CHANNELS, "z_m": GROUND_Z_M, "centre_hz": CENTRE_HZ, "bandwidth_hz": BANDWIDTH_HZ} | made
     arrays = {"image": image.astype(np.complex64), "x_m": X, "y_m": Y}
     products.write("focus", arrays, settings=settings, inputs=[], units={})
     return path
@@ -74,6 +77,25 @@ def test_three_targets_in_one_image(tmp_path: Path) -> None:
     # What is left in is said: twice the crosstalk squared.
     assert [line.cause for line in isolated.budget.lines][-1] == "crosstalk left in"
     assert isolated.budget.sd("co_imbalance_db") > found.budget.sd("co_imbalance_db")
+
+
+def test_the_report_shows_targets_and_budget(tmp_path: Path) -> None:
+    path = write_image(tmp_path / "p.h5", [CORNER, UPRIGHT, TURNED])
+    calibrate(path, CORNER, targets=[UPRIGHT, TURNED], draws=100)
+    targets, budget = calibration_tables(Products(path))
+    assert [row[0] for row in targets.rows] == ["trihedral", "dihedral", "dihedral_45"]
+    assert {row[2] for row in targets.rows} == {"used"}
+    assert "orientation of the folds" in [row[0] for row in budget.rows]
+    assert budget.rows[-1][0] == "Expanded (95 %)"
+    assert len({len(row) for row in (*budget.rows, budget.heads)}) == 1
+    page = report(path, tmp_path / "r.html", pictures=[]).read_text(encoding="utf-8")
+    assert "Uncertainty of the calibration" in page
+    assert "Crosstalk taken off, receive h" in page
+    # The sd of a crosstalk of -20 dB whose error is x of the gain is 8.7 x / 0.1 dB.
+    told = Products(path).settings("calibration")["crosstalk_paths"]["receive_h"]
+    number = crosstalk_numbers(Products(path).settings("calibration"))[0]
+    assert number.value == pytest.approx(-20, abs=0.5)
+    assert number.sd == pytest.approx(86.9 * told["sd"], rel=0.05)
 
 
 def test_three_channels_are_freed_of_crosstalk_by_a_full_calibration(tmp_path: Path) -> None:
