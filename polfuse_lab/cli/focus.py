@@ -9,7 +9,7 @@ import typer
 
 from polfuse_lab.cli.output import Debug, Json, counted, guarded, progress, result
 
-METHODS = ("auto", "rma", "bp", "ffbp", "reference")
+METHODS = ("auto", "rma", "pfa", "bp", "ffbp", "reference")
 WINDOWS = ("hann", "taylor", "rectangular")
 AUTOFOCUS_METHODS = ("auto", "phase-gradient", "minimum-entropy", "track")
 
@@ -26,7 +26,8 @@ def focus(
     method: Annotated[
         str,
         typer.Option(
-            help="auto, rma (range migration), bp (back-projection), ffbp (factorized) or reference (plain float64)."
+            help="auto, rma (range migration), pfa (polar format), bp (back-projection), ffbp (factorized) or "
+            "reference (plain float64)."
         ),
     ] = "auto",
     tolerance_db: Annotated[float, typer.Option(help="Largest error of the method, dB below the image.")] = -50.0,
@@ -52,6 +53,17 @@ def focus(
         str | None, typer.Option("--y", help="Extent away from the rail on the ground, m: FROM,TO; 3,20 (the same).")
     ] = None,
     pixel: Annotated[str | None, typer.Option(help="Pixel size, m: X,Y; default a quarter of the finest cell.")] = None,
+    grid_kind: Annotated[
+        str,
+        typer.Option(
+            "--grid",
+            help="plane, or polar: ranges and angles around the rail's centre (--pixel: degrees,m; stage focus_polar).",
+        ),
+    ] = "plane",
+    heights: Annotated[
+        Path | None,
+        typer.Option(help="Map of the ground's heights (table with commas, or .npz): the image's x, y and z."),
+    ] = None,
     pattern: Annotated[bool, typer.Option(help="Compensate the antennas' pattern.")] = True,
     sky: Annotated[
         Path | None, typer.Option(help="Session of the clear sky: takes the antennas' coupling off.")
@@ -95,10 +107,15 @@ def focus(
         raise typer.BadParameter("an error below the image is a negative number of dB", param_hint="--tolerance-db")
     extents = None if x is None else _pair(x, "--x"), None if y is None else _pair(y, "--y")
     step = None if pixel is None else _pair(pixel, "--pixel")
+    _one_of(grid_kind, ("plane", "polar"), "--grid")
+    if heights is not None and (grid_kind == "polar" or extents != (None, None) or step is not None):
+        raise typer.BadParameter("tells the places of all pixels itself", param_hint="--heights")
 
     if len(sessions) > 1:
         if figure is not None or target is not None:
             raise typer.BadParameter("takes one session", param_hint="--figure" if figure is not None else "--target")
+        if heights is not None or grid_kind != "plane":
+            raise typer.BadParameter("takes one session", param_hint="--grid" if heights is None else "--heights")
         from polfuse_lab.cli.focus_many import focus_many
 
         options = {
@@ -111,6 +128,7 @@ def focus(
     (session,) = sessions
 
     from polfuse_lab.products import focus as stage
+    from polfuse_lab.products import focus_grids as grids
     from polfuse_lab.scale.spread import spread
     from polfuse_lab.session import open_session
 
@@ -118,7 +136,13 @@ def focus(
         open_session(session) as opened,
         spread(memory=memory, tile=tile, dask=dask, listener=counted) as spreading,
     ):
-        grid = stage.default_grid(opened, x_m=extents[0], y_m=extents[1], step_m=step)
+        grid: Any
+        if heights is not None:
+            grid = grids.read_heights(heights)
+        elif grid_kind == "polar":
+            grid = grids.polar_grid(opened, x_m=extents[0], y_m=extents[1], step=step)
+        else:
+            grid = stage.default_grid(opened, x_m=extents[0], y_m=extents[1], step_m=step)
         progress(f"focusing {session}: {grid.shape[1]} x {grid.shape[0]} pixels")
         made = stage.focus(
             opened,
@@ -138,7 +162,9 @@ def focus(
     for warning in made.warnings:
         progress(f"note: {warning}")
     drawn: list[Path] = []
-    if figure is not None:
+    if figure is not None and grid_kind == "polar":
+        progress("note: figures show images in x and y; of a polar image none is drawn")
+    elif figure is not None:
         from polfuse_lab.products.figures_sar import draw_all
         from polfuse_lab.products.store import Products
 

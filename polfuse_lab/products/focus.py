@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.antennas import check_method
+from polfuse_lab.products.focus_grids import axes_of, peaks_on, plane_of, told
 from polfuse_lab.products.focus_history import focus_history, holds_history, read_history, scene_grid
 from polfuse_lab.products.focus_parts import (
     Span,
@@ -20,7 +21,6 @@ from polfuse_lab.products.focus_parts import (
     furthest_m,
     ranging_settings,
     step_m,
-    strongest_peaks,
     warnings_of,
 )
 from polfuse_lab.products.focus_plan import refocus, task_before, task_of
@@ -36,7 +36,7 @@ from processing.sar.aperture import (
     alias_free_angle_rad,
 )
 from processing.sar.footprint import ImageFlag, footprint_flags
-from processing.sar.grid import ImageGrid
+from processing.sar.grid import Grid, ImageGrid
 from processing.sar.planner import choose, explain
 from processing.sar.resolution import point_resolution
 
@@ -128,7 +128,7 @@ def focus(
     *,
     method: str = "auto",
     tolerance_db: float = -50.0,
-    grid: ImageGrid | None = None,
+    grid: Grid | None = None,
     window: str | None = None,
     aperture: str | None = None,
     oversampling: int | None = None,
@@ -147,9 +147,12 @@ def focus(
     Args:
         session: an open session, or its path.
         products_path: file to write to; other stages in it are kept.
-        method: ``"auto"``, ``"rma"``, ``"bp"``, ``"ffbp"`` or ``"reference"``, see :mod:`processing.sar.planner`.
+        method: ``"auto"``, ``"rma"``, ``"pfa"``, ``"bp"``, ``"ffbp"`` or ``"reference"``, see
+            :mod:`processing.sar.planner`.
         tolerance_db: largest error of the method, dB below the image.
-        grid: where to form the image; :func:`default_grid` where left out.
+        grid: where to form the image; :func:`default_grid` where left out. Heights and polar grids
+            (:mod:`polfuse_lab.products.focus_grids`) are focused by back-projection, in one piece; polar images are
+            stage "focus_polar".
         window: over the ramp: ``"hann"`` (where left out), ``"taylor"`` or ``"rectangular"``; of a phase history
             ``"taylor"`` where left out.
         aperture: window along the aperture, same names; ``"rectangular"`` where left out, of a phase history
@@ -204,6 +207,11 @@ def focus(
                 where=str(session.path),
                 advice="leave --autofocus out",
             )
+        if grid is not None and not isinstance(grid, ImageGrid):
+            raise PolfuseError(
+                "holds a phase history, which is focused onto a plane", where=str(session.path),
+                advice="leave polar grids and heights out",
+            )  # fmt: skip
         given = {"window": window, "aperture": aperture, "oversampling": oversampling}
         chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
         return focus_history(
@@ -211,14 +219,24 @@ def focus(
         )
     window, aperture = window or "hann", aperture or "rectangular"
     begun = time.perf_counter()
-    grid = default_grid(session) if grid is None else grid
+    form_on: Grid = default_grid(session) if grid is None else grid
+    grid = plane_of(form_on)
+    if grid is not form_on:
+        if scale is not None:
+            raise PolfuseError(
+                "polar images and heights are focused in one piece",
+                where="image grid",
+                advice="leave limits of memory, tiles and --dask out",
+            )
+        method = "bp" if method == "auto" else method
     rig = session.rig
     if rig is None:
         raise PolfuseError("has no rig file", where=str(session.path), advice="focus a session collected along a rail")
     check_method(rig, method)
     from polfuse_lab.scale import focus_tiles, plan
 
-    if scale is None and method in ("auto", "bp") and autofocus is None and plan.needs_tiles(session, grid):
+    here = grid is form_on and method in ("auto", "bp") and autofocus is None
+    if scale is None and here and plan.needs_tiles(session, grid):
         scale = focus_tiles.Scale()
     if scale is not None:
         if autofocus is not None:
@@ -264,9 +282,9 @@ def focus(
     profiles = refocused.profiles
     task = task_of(profiles, grid, oversampling, beamwidth is not None)
     choice = choose(task, tolerance_db, method)
-    image = form_channels(profiles, grid, choice, weights, beamwidth, depression)
+    image = form_channels(profiles, form_on, choice, weights, beamwidth, depression)
     flags = footprint_flags(
-        grid,
+        form_on,
         beamwidth_rad=beamwidth,
         depression_rad=depression,
         alias_free_rad=alias_free_angle_rad(step_m(profiles), profiles.wavelength_m),
@@ -289,10 +307,11 @@ def focus(
         warnings=warnings,
         autofocus=refocused.told,
     )
+    settings |= told(form_on)
     ranging |= ranging_settings(profiles, session, sky is not None)
     inputs = [session.path] if sky is None else [session.path, Path(sky)]
-    _write(Products(products_path), profiles, grid, image, flags, ranging, settings, inputs)
-    strongest = strongest_peaks(Span(image), grid, profiles, peaks)
+    _write(Products(products_path), profiles, form_on, image, flags, ranging, settings, inputs)
+    strongest = peaks_on(form_on, Span(image), profiles, peaks)
     return FocusResult(
         products=Path(products_path),
         image=image,
@@ -311,7 +330,7 @@ def focus(
 def _write(
     products: Products,
     profiles: RangeProfiles,
-    grid: ImageGrid,
+    grid: Grid,
     image: NDArray[np.complexfloating],
     flags: NDArray[np.uint8],
     ranging: dict[str, Any],
@@ -325,10 +344,11 @@ def _write(
         inputs=inputs,
         units={"profiles": "full scale * m^2", "range_m": "m", "antenna_m": "m"},
     )
+    stage, axes, units = axes_of(grid)
     products.write(
-        "focus",
-        {"image": image, "flags": flags, "x_m": grid.x_m, "y_m": grid.y_m},
+        stage,
+        {"image": image, "flags": flags, **axes},
         settings=settings,
         inputs=inputs,
-        units={"image": "full scale * m^2", "flags": "bits", "x_m": "m", "y_m": "m"},
+        units={"image": "full scale * m^2", "flags": "bits", **units},
     )

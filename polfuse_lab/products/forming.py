@@ -15,7 +15,7 @@ from processing.sar.aperture import aperture_window
 from processing.sar.backprojection import backproject, backproject_reference
 from processing.sar.continuous import Motion, sweep_motion
 from processing.sar.factorized import factorized
-from processing.sar.grid import ImageGrid
+from processing.sar.grid import Grid, ImageGrid
 from processing.sar.planner import Choice
 from processing.sar.polar_format import polar_format
 from processing.sar.range_migration import range_migration
@@ -47,7 +47,7 @@ def motion_model(profiles: RangeProfiles) -> Motion:
 
 def form_channels(
     profiles: RangeProfiles,
-    grid: ImageGrid,
+    grid: Grid,
     choice: Choice,
     weights: NDArray[np.float64],
     beamwidth_rad: float | None,
@@ -75,7 +75,7 @@ def form_channels(
 
 def _form(
     profiles: RangeProfiles,
-    grid: ImageGrid,
+    grid: Grid,
     choice: Choice,
     weights: NDArray[np.float64],
     beamwidth_rad: float | None,
@@ -84,6 +84,8 @@ def _form(
 ) -> NDArray[np.complexfloating]:
     pattern: dict[str, Any] = {"beamwidth_rad": beamwidth_rad, "depression_rad": depression_rad}
     if choice.method == "rma":
+        if not isinstance(grid, ImageGrid):
+            raise DataError("range migration forms images on a plane, in x and y", "focus by back-projection")
         return range_migration(profiles, grid, weights=weights, **pattern)
     if choice.method == "pfa":
         if beamwidth_rad is not None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.radar.antenna import boresight, one_way_gain
-from processing.sar.grid import ImageGrid
+from processing.sar.grid import Grid
 
 ROWS = 64
 """Rows of a grid that are worked on at a time: what they need besides the flags stays small."""
@@ -27,7 +27,7 @@ class ImageFlag(enum.IntFlag):
 
 
 def footprint_flags(
-    grid: ImageGrid,
+    grid: Grid,
     *,
     beamwidth_rad: float | None,
     depression_rad: float,
@@ -48,7 +48,7 @@ def footprint_flags(
     for first in range(0, grid.shape[0], ROWS):
         # Written out, for products of matrices round differently for different numbers of rows.
         some = flags[first : first + ROWS]
-        x, y, z = grid.x_m[None, :], grid.y_m[first : first + ROWS, None], grid.z_m
+        x, y, z = grid.places_m(slice(first, first + ROWS))
         distance = np.sqrt(x**2 + y**2 + z**2)
         with np.errstate(invalid="ignore", divide="ignore"):
             cosine = (axis[0] * x + axis[1] * y + axis[2] * z) / distance
