@@ -148,7 +148,9 @@ class CountingRadar(_Still):
         if frames > PROBE_FRAMES:
             self.next += frames
         samples = counted_audio(first, frames)
-        return AudioBlock(samples, self.sample_rate_hz, first, first / RATE_HZ, time.monotonic_ns())
+        # They are here since they are over.
+        begun_ns = time.monotonic_ns() - round(frames / RATE_HZ * 1e9)
+        return AudioBlock(samples, self.sample_rate_hz, first, first / RATE_HZ, begun_ns)
 
     def cancel(self) -> None:
         """Nothing waits."""
