@@ -17,12 +17,15 @@ from benchmarks.focus_geometries import MARGIN_CELLS, Collect, random_collect, r
 from benchmarks.rows import Row
 from processing.errors import DataError
 from processing.radar.profiles import RangeProfiles
-from processing.sar.aperture import even_track, widest_angle_rad
+from processing.sar.aperture import widest_angle_rad
 from processing.sar.backprojection import backproject, backproject_reference
 from processing.sar.factorized import factorized
 from processing.sar.focus_costs import RANGING_NS, machine_scale
 from processing.sar.planner import SAFETY_DB, Choice, Task, choose
+from processing.sar.polar_format import polar_format
+from processing.sar.polar_format_geometry import polar_forecast
 from processing.sar.range_migration import range_migration
+from processing.sar.straight_track import straight_track
 
 COLLECTS, QUICK = 100, 8
 FACTOR_DB = 6.02
@@ -49,7 +52,10 @@ class Outcome:
 def task_of(collect: Collect) -> Task:
     """What the planner is told of a collect."""
     try:
-        residual: float | None = even_track(collect.antenna_m).residual_m if collect.kind == "rail" else None
+        wavelength = 4 * np.pi / collect.k_rad_m
+        residual: float | None = None
+        if collect.kind == "rail":
+            residual = straight_track(collect.antenna_m, wavelength).residual_m
     except DataError:
         residual = None
     places = np.stack([axis.ravel() for axis in collect.grid.places_m()], axis=1)
@@ -69,6 +75,7 @@ def task_of(collect: Collect) -> Task:
         grid=collect.grid,
         bandwidth_hz=collect.bandwidth_hz,
         depth_m=float(np.ptp(away)) + 2 * MARGIN_CELLS * collect.cell_m,
+        polar=polar_forecast(collect.antenna_m, collect.grid, 4 * np.pi / collect.k_rad_m, collect.bandwidth_hz),
     )
 
 
@@ -79,6 +86,8 @@ def carry_out(seed: int) -> Outcome:
     tolerance = float(rng.uniform(-105, -25))
     methods = ("auto", "bp", "ffbp", "rma") if collect.kind == "rail" else ("auto", "bp", "ffbp")
     task = task_of(collect)
+    if task.polar is not None:
+        methods += ("pfa",)
     choice = choose(task, tolerance, str(rng.choice(methods)))
     profiles = collect.profiles(choice.oversampling)
     # Twice: the first time may compile.
@@ -96,6 +105,8 @@ def carry_out(seed: int) -> Outcome:
 def _form(choice: Choice, profiles: RangeProfiles, collect: Collect, tolerance_db: float) -> NDArray[np.complex64]:
     if choice.method == "rma":
         image = range_migration(profiles, collect.grid)
+    elif choice.method == "pfa":
+        image = polar_format(profiles, collect.grid)
     elif choice.method == "ffbp":
         image = factorized(profiles, collect.grid, tolerance_db=choice.settings_db or tolerance_db)
     elif choice.method == "reference":
@@ -143,7 +154,7 @@ def run(quick: bool) -> list[Row]:
             error=f"{100 * kept:.0f} % of {len(promised)}",
         ),
     ]
-    for method in ("bp", "ffbp", "rma", "reference"):
+    for method in ("bp", "ffbp", "rma", "pfa", "reference"):
         own = [one for one in outcomes if one.choice.method == method]
         if own:
             spread = [one.off_db for one in own]

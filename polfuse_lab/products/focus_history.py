@@ -21,7 +21,8 @@ from processing.sar.aperture import aperture_window
 from processing.sar.footprint import ImageFlag
 from processing.sar.grid import ImageGrid
 from processing.sar.peak_search import find_peaks
-from processing.sar.planner import Task, choose
+from processing.sar.planner import Task, choose, explain
+from processing.sar.polar_format_geometry import polar_forecast
 from processing.sar.resolution import point_resolution
 
 PIXELS_PER_CELL = 2.5
@@ -139,7 +140,7 @@ def focus_history(
     Args:
         session: an open session with a phase history.
         products_path: file to write to; other stages in it are kept.
-        method: ``"auto"``, ``"bp"``, ``"ffbp"`` or ``"reference"``.
+        method: ``"auto"``, ``"bp"``, ``"ffbp"``, ``"pfa"`` or ``"reference"``.
         tolerance_db: largest error of the method, dB below the image.
         grid: where to form the image; :func:`scene_grid` where left out.
         window: over frequency.
@@ -157,6 +158,8 @@ def focus_history(
     history = read_history(session)
     grid = scene_grid(history) if grid is None else grid
     profiles = history_profiles(history, window=window, oversampling=oversampling)
+    weights = aperture_window(aperture, len(profiles.antenna_m))
+    polar = polar_forecast(profiles.antenna_m, grid, profiles.wavelength_m, profiles.bandwidth_hz, weights)
     task = Task(
         pixels=grid.shape[0] * grid.shape[1],
         pulses=len(profiles.antenna_m),
@@ -167,9 +170,9 @@ def focus_history(
         widest_rad=0.0,
         residual_m=None,
         compensated=False,
+        polar=polar,
     )
     choice = choose(task, tolerance_db, method)
-    weights = aperture_window(aperture, len(profiles.antenna_m))
     image = form_channels(profiles, grid, choice, weights, None, 0.0)
     undefined = ~np.isfinite(image).all(axis=0)
     flags = np.where(undefined, int(ImageFlag.UNDEFINED), 0).astype(np.uint8)
@@ -208,6 +211,7 @@ def focus_history(
         grid=grid,
         channels=profiles.channels,
         choice=choice,
+        explanation=tuple(explain(task, choice, tolerance_db)),
         settings=settings,
         pulses=len(profiles.antenna_m),
         seconds=time.perf_counter() - begun,

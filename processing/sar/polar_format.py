@@ -26,7 +26,14 @@ from processing.sar.aperture import Pulses, usable_pulses
 from processing.sar.continuous import sweep_motion
 from processing.sar.grid import Grid, ImageGrid, check_grid
 from processing.sar.gridding import Kernel
-from processing.sar.polar_format_geometry import Spotlight, Straightening, spotlight, straighten, usable_radius_m
+from processing.sar.polar_format_geometry import (
+    REFUSED_DB,
+    Spotlight,
+    Straightening,
+    spotlight,
+    straighten,
+    usable_radius_m,
+)
 from processing.sar.polar_format_kernel import TAPS, read_pixels, resample_azimuth, resample_range
 from processing.sar.stolt import TABLE_STEPS, smooth_step, weight_table
 
@@ -36,9 +43,6 @@ BAND_MARGIN = 1.4
 
 RANGE_MARGIN, FLAT_MARGIN = 12, 4
 """Resolution cells of range kept beyond the image's, and those of them that do not roll off."""
-
-REFUSED_DB = -20.0
-"""Error of a point from which an image is refused."""
 
 UNDONE_STEPS = 4096
 """Intervals on either side of the table by which azimuth resampling's kernel is undone."""
@@ -92,26 +96,6 @@ def polar_format(
         if outside is not None:
             image[channel][outside] = np.nan
     return image
-
-
-def polar_format_error_db(
-    antenna_m: NDArray[np.float64], grid: ImageGrid, wavelength_m: float, weights: NDArray[np.float64] | None = None
-) -> float:
-    """Expected error of polar format, root mean square over the image relative to back-projection, dB.
-
-    Points are taken to lie anywhere in the image. 0 where polar format would be refused.
-
-    Args:
-        antenna_m: (pulses, 3).
-        grid: of the image.
-        wavelength_m: of the centre frequency.
-        weights: (pulses,) along the aperture.
-    """
-    try:
-        straight = straighten(spotlight(antenna_m, grid, weights), grid, 4 * math.pi / wavelength_m)
-    except DataError:
-        return 0.0
-    return 0.0 if straight.worst_db > REFUSED_DB else straight.error_db
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import DataError
+from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 from processing.sar.grid import ImageGrid
 from processing.sar.gridding import chebyshev_nodes
 
@@ -28,7 +29,10 @@ STEEPEST_GROUND = 0.05
 NODES = 13
 """Along each axis of the image, at which displacements are computed; they are smooth, and interpolated between."""
 
-KERNELS_DB = -80.0
+REFUSED_DB = -20.0
+"""Error of a point from which an image is refused."""
+
+KERNELS_DB = -86.0
 """Error that interpolation and the roll-off at the ends of the ranges leave."""
 
 
@@ -121,14 +125,21 @@ class Straightening:
 
     @property
     def error_db(self) -> float:
-        """Expected error of the image, root mean square, dB, with points anywhere in it."""
-        mean = float(self.to_rows.mean(axis=0) @ self.error_power @ self.to_columns.mean(axis=0))
+        """Expected error of the image, root mean square, dB, with points anywhere in it but at its very edge."""
+        rows, columns = (_middle(to).mean(axis=0) for to in (self.to_rows, self.to_columns))
+        mean = float(rows @ self.error_power @ columns)
         return float(10 * np.log10(max(mean, 0.0) + 10 ** (KERNELS_DB / 10)))
 
     @property
     def worst_db(self) -> float:
         """Expected error of a point where it is largest, dB."""
         return float(10 * np.log10(self.error_power.max() + 10 ** (KERNELS_DB / 10)))
+
+
+def _middle(lines: NDArray[np.float64]) -> NDArray[np.float64]:
+    """All but a twentieth at either end: of points there part of the response is beyond the image."""
+    edge = len(lines) // 20
+    return lines[edge : len(lines) - edge]
 
 
 def straighten(scene: Spotlight, grid: ImageGrid, k_rad_m: float) -> Straightening:
@@ -172,3 +183,55 @@ def usable_radius_m(scene: Spotlight, k_rad_m: float, tolerance_db: float) -> fl
         middle = 0.5 * (low + high)
         low, high = (middle, high) if good(middle) else (low, middle)
     return low
+
+
+@dataclass(frozen=True)
+class PolarForecast:
+    """What polar format would make of an image."""
+
+    error_db: float
+    """Root mean square over the image relative to back-projection, with points anywhere in it."""
+    worst_db: float
+    """Error of a point where it is largest."""
+    along: float
+    """Wavenumbers along the mean line of sight, about."""
+    across: float
+    """Wavenumbers across it, about."""
+
+
+def polar_forecast(
+    antenna_m: NDArray[np.float64],
+    grid: ImageGrid,
+    wavelength_m: float,
+    bandwidth_hz: float,
+    weights: NDArray[np.float64] | None = None,
+) -> PolarForecast | None:
+    """What polar format would make of an image; None where it is refused.
+
+    Args:
+        antenna_m: (pulses, 3).
+        grid: of the image.
+        wavelength_m: of the centre frequency.
+        bandwidth_hz: of the ramp.
+        weights: (pulses,) along the aperture.
+    """
+    k = 4 * math.pi / wavelength_m
+    try:
+        scene = spotlight(antenna_m, grid, weights)
+    except DataError:
+        return None
+    straight = straighten(scene, grid, k)
+    if straight.worst_db > REFUSED_DB:
+        return None
+    width = 4 * math.pi * bandwidth_hz / SPEED_OF_LIGHT_M_S
+    deep, broad = (float(np.abs(part).max()) for part in straight.nodes)
+    margin = 12 * SPEED_OF_LIGHT_M_S / (2 * bandwidth_hz)
+    slope = scene.direction[:, 1] / scene.direction[:, 0]
+    highest = (k + 0.7 * width) * float(scene.direction[:, 0].max())
+    spread = highest - (k - 0.7 * width) * float(scene.direction[:, 0].min())
+    return PolarForecast(
+        straight.error_db,
+        straight.worst_db,
+        spread * (2 * deep + margin) / (2 * math.pi),
+        1.5 * highest * float(np.ptp(slope)) * 2 * broad / (2 * math.pi) + 8,
+    )

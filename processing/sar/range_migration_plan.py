@@ -99,7 +99,8 @@ class MigrationPlan:
     @property
     def across_middle(self) -> NDArray[np.float64]:
         """(lines,) k_y that the transforms across the rail are centred on."""
-        return self.mapping.across_step * (self.mapping.across_first + self.mapping.across_count // 2)
+        index = self.mapping.across_first + self.mapping.across_count // 2
+        return np.asarray(self.mapping.across_step * index, dtype=np.float64)
 
 
 def plan_migration(
@@ -134,7 +135,7 @@ def plan_migration(
     along_step = 2 * math.pi / period
     first_line = math.floor(float(edges.outer_low.min()) / along_step)
     last_line = math.ceil(float(edges.outer_high.max()) / along_step)
-    along = along_step * np.arange(first_line, last_line + 1)
+    along = along_step * np.arange(first_line, last_line + 1, dtype=np.float64)
 
     depth = max(
         float(slant.max()) - math.cos(outer) * float(profiles.range_m[0]), float(profiles.range_m[-1] - slant.min())

@@ -32,6 +32,8 @@ CHUNK = 64
 class Filter(Protocol):
     """An interpolation filter over a padded transform."""
 
+    def __hash__(self) -> int: ...
+
     @property
     def taps(self) -> int:
         """Even number of samples read."""
