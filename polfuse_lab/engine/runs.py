@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import signal
 import threading
@@ -31,6 +30,7 @@ from polfuse_lab.scheduler.devices import DeviceSet, make_devices
 from polfuse_lab.scheduler.prompts import Prompts
 from polfuse_lab.session.layout import CONTINUES
 
+REPLAY_DRAIN_S = 20.0
 FEED_END_S = 4.0
 """Longest that the live process's end is waited for once the outcome has been told, s."""
 
@@ -151,7 +151,8 @@ def run_replay(directory: Path, request: protocol.Request) -> None:
     rig = parse_model(request.rig_toml, Rig, request.rig_path)
     plan = parse_plan(request.plan_toml, request.plan_path)
     live = LivePipeline(rig)
-    feed = LiveFeed(request.rig_toml, request.rig_path, directory, request.plan_toml, request.plan_path)
+    told = (request.rig_toml, request.rig_path, directory, request.plan_toml, request.plan_path)
+    feed = LiveFeed(*told, drain_s=REPLAY_DRAIN_S)
     with Player(request.output, None, speed=request.speed, viewer=Viewers(live, feed)) as player:
 
         def faster(speed: float) -> None:
@@ -163,6 +164,7 @@ def run_replay(directory: Path, request: protocol.Request) -> None:
         server.start()
         announce(directory, request, server, rig, plan)
         outcome = player.run()
+        # Nothing waits for a replay's end: whoever watches sees its last pictures first, however fast it was played.
+        feed.close()
         live.close()
-        with contextlib.suppress(OSError):
-            _end(server, feed, outcome)
+        server.finish(outcome)

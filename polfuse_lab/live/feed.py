@@ -39,14 +39,23 @@ class LiveFeed:
         directory: the engine's private directory.
         plan_toml: text of the plan file; None in set-up mode.
         plan_path: where it came from.
+        drain_s: longest that the live process looks at what still waits at the end, s.
     """
 
     fatal: str | None = None
     """A live view is no reason to stop."""
 
     def __init__(
-        self, rig_toml: str, rig_path: str, directory: Path, plan_toml: str | None = None, plan_path: str = "plan"
+        self,
+        rig_toml: str,
+        rig_path: str,
+        directory: Path,
+        plan_toml: str | None = None,
+        plan_path: str = "plan",
+        *,
+        drain_s: float = 1.0,
     ) -> None:
+        self._drain_s = drain_s
         self._first = {
             "kind": "begin",
             "rig_toml": rig_toml,
@@ -54,6 +63,7 @@ class LiveFeed:
             "plan_toml": plan_toml,
             "plan_path": plan_path,
             "directory": str(directory),
+            "drain_s": drain_s,
         }
         self._waiting: deque[Record] = deque()
         self._bytes = 0
@@ -110,8 +120,9 @@ class LiveFeed:
         self._radar = radar if isinstance(radar, OverheardRadar) else None
         self._following = 0
 
-    def close(self, timeout_s: float = 2.0) -> None:
+    def close(self) -> None:
         """End the live process, which shows the last records first. Bounded; never raises."""
+        timeout_s = self._drain_s + 1.0
         with self._lock:
             self._ended, thread = True, self._thread
         self._wake.set()

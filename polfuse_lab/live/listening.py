@@ -157,7 +157,8 @@ class Listener:
 
     def _judge(self, now_ns: int) -> None:
         rate = self._pieces[-1].rate_hz
-        enough = self._kept >= 4 * self._rig.waveform.sweep_period_s * rate
+        # A shorter piece cannot tell mains hum from the sweeps.
+        enough = self._kept >= 0.9 * JUDGE_S * rate
         if enough and not 0 <= now_ns - self._judged_ns < JUDGE_EVERY_S * 1e9:
             self._judged_ns = now_ns
             piece = self._last(round(JUDGE_S * rate))

@@ -34,8 +34,6 @@ RECORDS_WAITING = 2000
 AUDIO_WAITING = 32
 """Messages of each kind that may wait; the oldest is skipped when there are more."""
 HEALTH_EVERY_S = 1.0
-DRAIN_S = 1.0
-"""Longest that what waits at the end is still looked at, s."""
 
 Item = TypeVar("Item")
 
@@ -121,9 +119,9 @@ class LiveProcess:
                 self.counts.records += isinstance(heavy[0], Sweeps)
         self._wakes[wake].set()
 
-    def close(self) -> None:
-        """Show what still waits, end the threads and let go of the memory; bounded."""
-        end = time.monotonic() + DRAIN_S
+    def close(self, drain_s: float = 1.0) -> None:
+        """Show what still waits, for so long at most, end the threads and let go of the memory."""
+        end = time.monotonic() + drain_s
         while (self._audio or self._records or self._frames) and time.monotonic() < end:
             time.sleep(0.01)
         self._ended = True
@@ -269,4 +267,4 @@ def main() -> None:
         while (message := wire.read_message(read)) is not None:
             process.take(*message)
     finally:
-        process.close()
+        process.close(told["drain_s"])
