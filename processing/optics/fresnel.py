@@ -102,7 +102,7 @@ def reflection_mueller(a_ss: ArrayLike, a_pp: ArrayLike) -> Floats:
     return matrix
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _root(re: float, im: float) -> tuple[float, float]:
     """Principal square root of a number whose imaginary part is not negative."""
     size = math.sqrt(re * re + im * im)
@@ -116,7 +116,7 @@ def _root(re: float, im: float) -> tuple[float, float]:
     return real, imaginary
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _ratio(x: complex, y: complex) -> complex:
     """(x - y) / (x + y), 0 where both are."""
     re, im = x.real + y.real, x.imag + y.imag
@@ -127,7 +127,7 @@ def _ratio(x: complex, y: complex) -> complex:
     return complex((up_re * re + up_im * im) / size, (up_im * re - up_re * im) / size)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def amplitudes_kernel(n: complex, cosine: float, film: complex, thickness: float) -> tuple[complex, complex]:
     """Both amplitudes as :func:`film_amplitudes` (as :func:`amplitudes` for a thickness of 0), in scalars."""
     sine2 = (1.0 - cosine) * (1.0 + cosine)

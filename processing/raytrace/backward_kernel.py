@@ -31,7 +31,7 @@ SURE_BOUNCES = 4
 """Paths may end by chance only after so many reflections."""
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def pass_surface(t: Floats, co: float, so: float, diffuse: float, a: float, b: float, c: float, d: float) -> None:
     """T times (turn from the shared axis to the ray's) times the surface's matrix, in place."""
     for i in range(4):
@@ -42,7 +42,7 @@ def pass_surface(t: Floats, co: float, so: float, diffuse: float, a: float, b: f
         t[i, 3] = t2 * d + t3 * c
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def add_light(
     t: Floats,
     co: float,
@@ -85,7 +85,7 @@ def add_light(
     return gained
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _escaped(
     world: World,
     wanted: Mask,
@@ -120,7 +120,7 @@ def _escaped(
             shares[bounce, number] += gained
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def follow(
     world: World,
     wanted: Mask,
@@ -289,7 +289,7 @@ def follow(
     return rays
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def take_samples(
     world: World,
     view: Floats,

@@ -22,7 +22,7 @@ STACK = 96
 _WIDER = 1.0 + 8 * 2.0**-53
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _triangle(
     corners: Floats,
     i: int,
@@ -55,7 +55,7 @@ def _triangle(
     return sz * (u * az + v * bz + w * cz) / total, v / total, w / total
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def nearest(
     boxes: NDArray[np.float32],
     children: Indices,
@@ -169,7 +169,7 @@ def nearest(
                 break
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def nearest_of_many(
     boxes: NDArray[np.float32],
     children: Indices,

@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 _SKY = int(Kind.SKY)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def leave_surface(p: Floats, ci: float, si: float, diffuse: float, a: float, b: float, c: float, d: float) -> None:
     """The surface's matrix times (turn from the ray's axis to the shared one) times P, in place."""
     for j in range(4):
@@ -37,7 +37,7 @@ def leave_surface(p: Floats, ci: float, si: float, diffuse: float, a: float, b: 
         p[3, j] = c * p3 - d * p2
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _to_camera(
     world: World,
     view: Floats,
@@ -128,7 +128,7 @@ def _to_camera(
     return 1
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def send(
     world: World,
     view: Floats,

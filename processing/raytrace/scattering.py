@@ -38,6 +38,9 @@ from processing.raytrace.materials import (
 
 Floats = NDArray[np.float64]
 
+GRAZING = 1e-12
+"""Rays whose cosine is no larger run along the surface and are not scattered by it."""
+
 
 class Parts(NamedTuple):
     """Parts of a reflectance in the shared frame, each (...)."""
@@ -106,13 +109,14 @@ def evaluate(rows: Floats, normal: Floats, w_in: Floats, w_out: Floats) -> tuple
         w_out: (..., 3) unit vectors towards where it goes.
     """
     cos_in, cos_out = np.sum(normal * w_in, axis=-1), np.sum(normal * w_out, axis=-1)
-    lit = (cos_in > 0) & (cos_out > 0)
+    lit = (cos_in > GRAZING) & (cos_out > GRAZING)
     cos_in, cos_out = np.where(lit, cos_in, 1.0), np.where(lit, cos_out, 1.0)
+    w_in, w_out = np.where(lit[..., None], w_in, normal), np.where(lit[..., None], w_out, normal)
     lobe = rows[..., LOBE]
     diffuse = rows[..., DIFFUSE] / math.pi
     summed = w_in + w_out
     length = np.linalg.norm(summed, axis=-1)
-    cos_half = np.clip(np.sum(normal * summed, axis=-1) / length, 1e-300, 1.0)
+    cos_half = np.minimum(np.sum(normal * summed, axis=-1) / length, 1.0)
     cos_facet = np.minimum(length / 2, 1.0)  # of the angle between each ray and the half vector
     tan2 = np.maximum(1 - cos_half * cos_half, 0.0) / (cos_half * cos_half)
 
@@ -135,9 +139,9 @@ def evaluate(rows: Floats, normal: Floats, w_in: Floats, w_out: Floats) -> tuple
     strength = np.where(facets, rows[..., SPECULAR] * slopes * shadow / (4 * cos_in * cos_out), 0.0)
     parts = fresnel_parts(rows, cos_facet)
 
-    alpha = np.where(lobe == Lobe.NONE, 1.0, np.maximum(rows[..., SAMPLED], 1e-300))
-    drawn = np.exp(-tan2 / alpha**2) / (math.pi * alpha**2 * cos_half**3) / (4 * cos_facet)
     has_lobe = (lobe != Lobe.NONE) & (lobe != Lobe.SMOOTH)
+    alpha = np.where(has_lobe, rows[..., SAMPLED], 1.0)
+    drawn = np.exp(-tan2 / alpha**2) / (math.pi * alpha**2 * cos_half**3) / (4 * cos_facet)
     density = (1 - rows[..., CHOICE]) * cos_in / math.pi + np.where(has_lobe, rows[..., CHOICE] * drawn, 0.0)
     keep = lit.astype(np.float64)
     return Parts(keep * diffuse, *(keep * strength * part for part in parts)), keep * density

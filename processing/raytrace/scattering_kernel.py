@@ -28,6 +28,7 @@ from processing.raytrace.materials import (
     N,
     Shadowing,
 )
+from processing.raytrace.scattering import GRAZING
 
 Floats = NDArray[np.float64]
 Three = tuple[float, float, float]
@@ -43,13 +44,13 @@ _FACETS, _SMOOTH = int(Lobe.MICROFACETS), int(Lobe.SMOOTH)
 _SMITH, _FIT = int(Shadowing.SMITH), int(Shadowing.SMITH_RATIONAL)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def dot(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> float:
     """Inner product."""
     return ax * bx + ay * by + az * bz
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def any_axis(x: float, y: float, z: float) -> Three:
     """A unit vector across a direction."""
     sign = 1.0 if z >= 0.0 else -1.0
@@ -57,7 +58,7 @@ def any_axis(x: float, y: float, z: float) -> Three:
     return 1.0 + sign * x * x * a, sign * x * y * a, -sign * x
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def shared_axis(ix: float, iy: float, iz: float, ox: float, oy: float, oz: float) -> Three:
     """Unit vector across the plane of two rays (``out x in``); any across them where they coincide."""
     x, y, z = oy * iz - oz * iy, oz * ix - ox * iz, ox * iy - oy * ix
@@ -67,7 +68,7 @@ def shared_axis(ix: float, iy: float, iz: float, ox: float, oy: float, oz: float
     return any_axis(ox, oy, oz)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def turn(
     kx: float, ky: float, kz: float, ax: float, ay: float, az: float, bx: float, by: float, bz: float
 ) -> tuple[float, float]:
@@ -78,7 +79,7 @@ def turn(
     return (cosine * cosine - sine * sine) / size, 2.0 * cosine * sine / size
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def shadowing(kind: int, slope_sd: float, cosine: float) -> float:
     """Share of the facing facets that a direction sees."""
     if kind != _SMITH and kind != _FIT:
@@ -96,7 +97,7 @@ def shadowing(kind: int, slope_sd: float, cosine: float) -> float:
     return 1.0 / (1.0 + math.exp(-a * a) / (2.0 * a * math.sqrt(math.pi)) - 0.5 * math.erfc(a))
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def fresnel_parts(row: Floats, cosine: float) -> tuple[float, float, float, float]:
     """a, b, c, d of the facets' own reflection."""
     ss, pp = amplitudes_kernel(complex(row[N], row[K]), cosine, complex(row[FILM_N], row[FILM_K]), row[FILM_THICKNESS])
@@ -109,7 +110,7 @@ def fresnel_parts(row: Floats, cosine: float) -> tuple[float, float, float, floa
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def evaluate(
     row: Floats,
     nx: float,
@@ -124,7 +125,7 @@ def evaluate(
 ) -> Six:
     """Diffuse part, a, b, c, d (1/sr) and density (1/sr), without smooth lobes."""
     cos_in, cos_out = dot(nx, ny, nz, ix, iy, iz), dot(nx, ny, nz, ox, oy, oz)
-    if not (cos_in > 0.0 and cos_out > 0.0):
+    if not (cos_in > GRAZING and cos_out > GRAZING):
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     lobe = int(row[LOBE])
     diffuse = row[DIFFUSE] / math.pi
@@ -133,7 +134,7 @@ def evaluate(
         return diffuse, 0.0, 0.0, 0.0, 0.0, density
     hx, hy, hz = ix + ox, iy + oy, iz + oz
     length = math.sqrt(dot(hx, hy, hz, hx, hy, hz))
-    cos_half = min(max(dot(nx, ny, nz, hx, hy, hz) / length, 1e-300), 1.0)
+    cos_half = min(dot(nx, ny, nz, hx, hy, hz) / length, 1.0)
     cos_facet = min(0.5 * length, 1.0)
     tan2 = max(1.0 - cos_half * cos_half, 0.0) / (cos_half * cos_half)
     alpha = row[SAMPLED]
@@ -165,7 +166,7 @@ def evaluate(
     return diffuse, strength * a, strength * b, strength * c, strength * d, density
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def sample(
     row: Floats,
     nx: float,

@@ -61,7 +61,7 @@ def dihedral(edge_m: float, *, material: int = 0) -> Triangles:
     return joined(
         [
             patch(left, (edge_m, 0.0, 0.0), (0.0, edge_m, 0.0), material=material),
-            patch(left, (edge_m, 0.0, 0.0), (0.0, 0.0, edge_m), material=material),
+            patch(left, (0.0, 0.0, edge_m), (edge_m, 0.0, 0.0), material=material),
         ]
     )
 

@@ -19,7 +19,7 @@ _POINT, _PLANE, _GAUSSIAN, _SUN, _SKY = (
 )
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def unit(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Unit vector and length."""
     size = math.sqrt(x * x + y * y + z * z)
@@ -28,7 +28,7 @@ def unit(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     return x / size, y / size, z / size, size
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def horizontal(ux: float, uy: float, uz: float, kx: float, ky: float, kz: float) -> Three:
     """Stokes axis of light along k from a source with that upright direction: ``up x k``."""
     x, y, z, size = unit(uy * kz - uz * ky, uz * kx - ux * kz, ux * ky - uy * kx)
@@ -37,7 +37,7 @@ def horizontal(ux: float, uy: float, uz: float, kx: float, ky: float, kz: float)
     return x, y, z
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def intensity(row: Floats, kx: float, ky: float, kz: float) -> float:
     """Flux per sr of a lamp in a direction."""
     kind = int(row[KIND])
@@ -59,7 +59,7 @@ def intensity(row: Floats, kx: float, ky: float, kz: float) -> float:
     return row[STRENGTH] * density / (cosine * cosine * cosine)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def in_disc(row: Floats, u: float, v: float) -> Three:
     """A direction towards a point of the sun's disc, evenly."""
     sx, sy, sz = row[PLACE], row[PLACE + 1], row[PLACE + 2]
@@ -75,21 +75,21 @@ def in_disc(row: Floats, u: float, v: float) -> Three:
     return cosine * sx + p * tx + q * bx, cosine * sy + p * ty + q * by, cosine * sz + p * tz + q * bz
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def disc_solid_angle(row: Floats) -> float:
     """Solid angle of the sun's disc, sr."""
     half = math.sin(0.5 * row[SIZE])
     return 4.0 * math.pi * half * half
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def disc_radiance(row: Floats) -> float:
     """Radiance of the sun's disc: irradiance over its projected solid angle."""
     sine = math.sin(row[SIZE])
     return row[STRENGTH] / (math.pi * sine * sine)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def towards(
     row: Floats, px: float, py: float, pz: float, u: float, v: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -112,7 +112,7 @@ def towards(
     return x, y, z, size, intensity(row, -x, -y, -z) / (size * size), 0.0
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def seen(row: Floats, x: float, y: float, z: float) -> tuple[float, float, float, float, float]:
     """Radiance of a sky or sun in a direction, the degree of its polarization along an axis, and that axis.
 
@@ -133,7 +133,7 @@ def seen(row: Floats, x: float, y: float, z: float) -> tuple[float, float, float
     return 0.0, 0.0, 1.0, 0.0, 0.0
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def set_out(
     row: Floats, cx: float, cy: float, cz: float, radius: float, a: float, b: float, c: float, d: float
 ) -> tuple[float, float, float, float, float, float, float]:
@@ -201,7 +201,7 @@ def set_out(
     return ox, oy, oz, x, y, z, row[STRENGTH]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def state(row: Floats, degree: float) -> tuple[float, float, float]:
     """S1, S2 and S3 over S0 in the source's axis: a lamp's own, or along the axis to that degree."""
     if int(row[KIND]) == _SKY:
