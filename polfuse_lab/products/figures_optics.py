@@ -80,23 +80,21 @@ def optics_figure(image: StokesImage, series: PolarizerSeries) -> Figure:
 
 
 def composite_figure(image: StokesImage) -> Figure:
-    """Stokes parameters as colours (thesis 7.7): red S1, green S0, blue S2.
+    """Stokes parameters as colours (thesis 7.7): red |S1|, green S0, blue |S2|.
 
-    S1 and S2 are signed: half of full red or blue is 0, less is negative, both scales alike and symmetric. So
-    unpolarized light is purple to green as it grows brighter, cyan more of S2, yellow more of S1.
+    Unpolarized light is green, yellow has much of S1 and cyan much of S2, whatever their signs; both share a scale.
     """
     rows, columns = image.s0.shape
     defined = np.isfinite(image.s0)
-    top = _robust_top(image.s0)
-    span = max(_robust_top(np.abs(image.s1)), _robust_top(np.abs(image.s2)))
-    rgb = np.stack([0.5 + image.s1 / (2 * span), image.s0 / top, 0.5 + image.s2 / (2 * span)], axis=-1)
+    top, span = _robust_top(image.s0), max(_robust_top(np.abs(image.s1)), _robust_top(np.abs(image.s2)))
+    rgb = np.stack([np.abs(image.s1) / span, image.s0 / top, np.abs(image.s2) / span], axis=-1)
     rgb = np.where(defined[..., None], np.clip(rgb, 0.0, 1.0), float(style.UNDEFINED))
-    figure = style.new_figure(7.0, max(3.0, 6.2 * rows / columns + 1.0), title="Stokes parameters as colours")
+    figure = style.new_figure(
+        7.0, max(3.0, 6.2 * rows / columns + 1.0), title="Stokes parameters: red |S1|, green S0, blue |S2|"
+    )
     axes = figure.subplots()
     axes.imshow(rgb, interpolation="auto", origin="upper")
-    style.panel(
-        axes, f"red S1 and blue S2: ±{span:.3g} counts, none is half; green S0: 0 to {top:.3g} counts; grey undefined"
-    )
+    style.panel(axes, f"full red or blue: {span:,.0f} counts, full green: {top:,.0f} counts; grey: undefined")
     axes.set_xlabel("column")
     axes.set_ylabel("row")
     return figure
