@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from polfuse_lab.products.calibration_inputs import FocusedImage, read_focused
 from polfuse_lab.products.store import Products
 from processing.calibration.near_field import near_field
-from processing.calibration.pattern_measurement import MeasuredPattern, measured_pattern
+from processing.calibration.pattern_measurement import TOGETHER, MeasuredPattern, measured_pattern
 from processing.scene.model import Reflector
 from processing.scene.radar_response import reflector_scattering
 
@@ -61,7 +61,14 @@ def target_pattern(products: Products) -> tuple[tuple[str, ...], MeasuredPattern
     values: NDArray[np.complexfloating] = ranging["profiles"][[names.index(name) for name in chosen]]
     depression = float(focused.settings.get("depression_rad", 0.0))
     found = measured_pattern(
-        values, ranging["range_m"], focused.antenna_m, reflector.position_m, response, depression_rad=depression
+        values,
+        ranging["range_m"],
+        focused.antenna_m,
+        reflector.position_m,
+        response,
+        focused.wavelength_m,
+        depression_rad=depression,
+        together=TOGETHER if len(focused.antenna_m) >= 2 * TOGETHER else 1,
     )
     return tuple(chosen), found
 

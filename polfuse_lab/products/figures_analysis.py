@@ -139,7 +139,7 @@ def pattern_figure(analysis: Arrays, settings: Mapping[str, Any]) -> Figure:
     axes.set_ylabel("two-way power [dB]")
     axes.grid(alpha=0.3)
     axes.legend(fontsize="small", ncols=3, loc="lower center")
-    style.panel(axes, "echo at each position over the target's own response")
+    style.panel(axes, "echo at each position over the target's own response, neighbours averaged coherently")
     return figure
 
 
