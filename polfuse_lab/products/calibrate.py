@@ -77,6 +77,7 @@ def calibrate(
     - one trihedral or plate: imbalance, antennas taken as isolated (crosstalk is reported and left in);
     - three targets that differ (trihedral, dihedral, dihedral at 45 degrees), in the image (``target`` and ``targets``)
       or in a calibration series: imbalance and crosstalk (:mod:`processing.calibration.target_fit`);
+    - such a set at each of several ranges: the same for each range, interpolated between them;
     - a trihedral and a region of distributed targets: the same by :mod:`processing.calibration.distributed`.
 
     With a series, ``target`` may name a trihedral or plate that stands in the image: it then gives the constant and the
@@ -153,9 +154,15 @@ def calibrate(
         applied = NO_DISTORTION
         at_target = float(abs(solved.reference.values[0]) ** 2)
         amplitudes = two_point_map(at_target, abs(solved.reference.expected[0, 0]) ** 2, float(noise[hh, row]))
-    balanced = applied.remove(focused_image, focused.channels)
+    if solved.by_range is not None and mode == "offset":
+        slant = np.hypot(focused.y_m, focused.z_m)
+        balanced = solved.by_range.remove(focused_image, slant, focused.channels)
+        left = solved.by_range.noise_after(noise, slant, focused.channels)
+    else:
+        balanced = applied.remove(focused_image, focused.channels)
+        left = applied.noise_after(noise, focused.channels)
     scattering = amplitudes.scattering(balanced)
-    equivalent = 10 ** (amplitudes.rcs_dbsm(applied.noise_after(noise, focused.channels)) / 10)
+    equivalent = 10 ** (amplitudes.rcs_dbsm(left) / 10)
     observed = {name: complex(v) for name, v in zip(CHANNELS, solved.reference.values, strict=True) if np.isfinite(v)}
     co_known = "VV" in observed
     result = CalibrationResult(
@@ -178,6 +185,7 @@ def calibrate(
         target_errors_db=solved.target_errors_db,
         misfit=solved.misfit,
         clutter=solved.clutter,
+        by_range=solved.by_range,
         phases=phases,
         check=None
         if check is None

@@ -19,9 +19,11 @@ from processing.calibration.distributed import CrosstalkEstimate, estimate_cross
 from processing.calibration.imbalance import CrossRatio, cross_polarized_pixels, cross_ratio, crosstalk_db
 from processing.calibration.offset import background_power
 from processing.calibration.polarimetric import calibrate_isolated, calibrate_targets
+from processing.calibration.range_dependence import RangeDistortion
 from processing.calibration.target_checks import Verdict, check_amplitude
 from processing.calibration.whitt import roles
 from processing.errors import DataError
+from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 
 Floats = NDArray[np.float64]
 
@@ -53,6 +55,8 @@ class Solved:
     cross_ratio: complex | None = None
     misfit: float | None = None
     clutter: CrosstalkEstimate | None = None
+    by_range: RangeDistortion | None = None
+    """Where whole sets of targets stood at several ranges."""
     target_errors_db: dict[str, float] = field(default_factory=dict)
 
 
@@ -99,7 +103,7 @@ def solve(
     if planned and not enough:
         raise PolfuseError(f"too few targets are left ({bad})", where=str(where), advice=advice)
     if enough:
-        return _by_targets(seen, reference, known, phase_sd_rad, draws)
+        return _by_ranges(seen, reference, known, phase_sd_rad, draws)
     if clutter is not None:
         return _by_clutter(focused, seen, reference, clutter, phase_sd_rad, draws)
     ratio = _cross_ratio(focused, reference, known)
@@ -156,6 +160,38 @@ def _shape(view: TargetView) -> NDArray[np.complex128]:
         c, s = np.cos(2 * view.spec.fold_rad), np.sin(2 * view.spec.fold_rad)
         return np.array([[c, s], [s, -c]], dtype=np.complex128)
     return np.eye(2, dtype=np.complex128)
+
+
+def _by_ranges(
+    seen: FocusedImage, reference: TargetView, known: list[TargetView], phase_sd_rad: float, draws: int
+) -> Solved:
+    """Fit the targets of each range alone where they suffice, else all at once."""
+    cell = SPEED_OF_LIGHT_M_S / (2 * seen.bandwidth_hz)
+    groups: list[list[TargetView]] = []
+    for view in sorted(known, key=lambda item: item.y_m):
+        if groups and view.y_m - groups[-1][-1].y_m < cell:
+            groups[-1].append(view)
+        else:
+            groups.append([view])
+    whole = all(
+        len(group) >= 3
+        and roles(np.array([_shape(view) for view in group])) is not None
+        and any(view.spec.kind in ODD_BOUNCE for view in group)
+        for group in groups
+    )
+    if len(groups) < 2 or not whole:
+        return _by_targets(seen, reference, known, phase_sd_rad, draws)
+    solved = []
+    for group in groups:
+        own = reference if reference in group else next(view for view in group if view.spec.kind in ODD_BOUNCE)
+        solved.append(_by_targets(seen, own, group, phase_sd_rad, draws))
+    main = next(item for item in solved if item.reference is reference)
+    ranges = tuple(float(np.hypot(np.mean([view.y_m for view in group]), seen.z_m)) for group in groups)
+    return replace(
+        main,
+        by_range=RangeDistortion(ranges, tuple(item.distortion for item in solved)),
+        target_errors_db={name: error for item in solved for name, error in item.target_errors_db.items()},
+    )
 
 
 def _by_targets(

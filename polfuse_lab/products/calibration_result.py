@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polfuse_lab.products.calibration_targets import TargetView
 from processing.calibration.budget import Budget
 from processing.calibration.channel_phase import ChannelPhases
 from processing.calibration.distortion import CHANNELS, Distortion
 from processing.calibration.distributed import CrosstalkEstimate
+from processing.calibration.range_dependence import RangeDistortion
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,8 @@ class CalibrationResult:
     misfit: float | None
     """What the fit left unexplained over its noise: about 1 where targets and model agree; None without a fit."""
     clutter: CrosstalkEstimate | None
+    by_range: RangeDistortion | None
+    """What was taken off range by range, where targets stood at several; ``distortion`` is that at the reference."""
     phases: ChannelPhases | None
     """Phases of the channels against the calibration series, from the target in the scene."""
     check: CheckResult | None
@@ -100,8 +104,9 @@ class CalibrationResult:
     def paths(self) -> dict[str, dict[str, float]]:
         """Crosstalk of each path that is taken off: dB, degrees, and its standard deviation over the path's gain."""
         found = {}
+        clutter = _clutter_sd(self.clutter, self.distortion)
         for name, value in self.distortion.crosstalk.items():
-            sd = float("nan")
+            sd = clutter.get(name, float("nan"))
             if f"crosstalk_{name}_re" in self.budget.results:
                 sd = float(np.hypot(self.budget.sd(f"crosstalk_{name}_re"), self.budget.sd(f"crosstalk_{name}_im")))
             level = 20 * np.log10(abs(value)) if value else -np.inf
@@ -134,8 +139,8 @@ class CalibrationResult:
             "cross_imbalance": None
             if self.cross_imbalance is None
             else [self.cross_imbalance.real, self.cross_imbalance.imag],
-            "receive": [[[v.real, v.imag] for v in row] for row in d.receive.tolist()],
-            "transmit": [[[v.real, v.imag] for v in row] for row in d.transmit.tolist()],
+            "receive": _pairs(d.receive),
+            "transmit": _pairs(d.transmit),
             "crosstalk_paths": self.paths(),
             "uncertainty": self.uncertainties(),
             "budget": self.budget.table(),
@@ -147,4 +152,28 @@ class CalibrationResult:
             if self.clutter is None
             else {"pixels": self.clutter.pixels, "coherence": self.clutter.coherence, "sd": self.clutter.sd},
             "channel_phases": phases,
+            "by_range": None
+            if self.by_range is None
+            else [
+                {"range_m": r, "receive": _pairs(d.receive), "transmit": _pairs(d.transmit)}
+                for r, d in zip(self.by_range.range_m, self.by_range.distortions, strict=True)
+            ],
         }
+
+
+def _pairs(matrix: NDArray[np.complex128]) -> list[list[list[float]]]:
+    """Real and imaginary part of each element."""
+    return [[[value.real, value.imag] for value in row] for row in matrix.tolist()]
+
+
+def _clutter_sd(clutter: CrosstalkEstimate | None, distortion: Distortion) -> dict[str, float]:
+    """Standard deviations of the paths' crosstalk from distributed targets, whose estimates lie outside the gains."""
+    if clutter is None:
+        return {}
+    receive, transmit = abs(distortion.receive_gain), abs(distortion.transmit_gain)
+    return {
+        "receive_h": clutter.sd["w"] * receive,
+        "receive_v": clutter.sd["u"] / receive,
+        "transmit_h": clutter.sd["z"] * transmit,
+        "transmit_v": clutter.sd["v"] / transmit,
+    }

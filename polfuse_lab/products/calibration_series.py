@@ -93,8 +93,9 @@ def look_at_series(
             where=str(session.path),
             advice="calibrate with a series from the same radar settings",
         )
+    empty = None if sky is None else range_profiles(sky, range_compensated=False, **_same_profiles(focused))
     for target in series:
-        yield _look(session, focused, target, radius_m, min_snr_db, sky, near_field)
+        yield _look(session, focused, target, radius_m, min_snr_db, empty, near_field)
 
 
 def _look(
@@ -103,7 +104,7 @@ def _look(
     target: SeriesTarget,
     radius_m: float,
     min_snr_db: float,
-    sky: Path | str | None,
+    empty: RangeProfiles | None,
     near_field: bool,
 ) -> TargetView:
     """One target; whatever is wrong with it is told by its verdict."""
@@ -121,7 +122,7 @@ def _look(
     expected = nothing
     try:
         for group in groups.values():
-            profiles = _profiles(session, focused, frozenset(group), sky)
+            profiles = _profiles(session, focused, frozenset(group), empty)
             seen = replace(focused, antenna_m=profiles.antenna_m)
             expected = expected_scattering(seen, spec)
             if clipped > CLIPPED:
@@ -154,18 +155,19 @@ def _clipped(session: Session, positions: set[int]) -> float:
     return worst
 
 
+def _same_profiles(focused: FocusedImage) -> dict[str, Any]:
+    """Options with which the image's own profiles were made."""
+    names = ("window", "oversampling", "max_range_m")
+    return {name: focused.ranging[name] for name in names if name in focused.ranging}
+
+
 def _profiles(
-    session: Session, focused: FocusedImage, positions: frozenset[int], sky: Path | str | None
+    session: Session, focused: FocusedImage, positions: frozenset[int], empty: RangeProfiles | None
 ) -> RangeProfiles:
-    same = {
-        name: focused.ranging[name] for name in ("window", "oversampling", "max_range_m") if name in focused.ranging
-    }
-    if sky is None:
-        return range_profiles(session, range_compensated=True, positions=positions, **same)
-    reference = range_profiles(sky, range_compensated=False, **same)
-    return range_profiles(
-        session, range_compensated=True, positions=positions, coupling="reference", reference=reference, **same
-    )
+    same: dict[str, Any] = {"range_compensated": True, "positions": positions, **_same_profiles(focused)}
+    if empty is None:
+        return range_profiles(session, **same)
+    return range_profiles(session, coupling="reference", reference=empty, **same)
 
 
 def find_target(

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from processing.calibration.distortion import CHANNELS, NO_DISTORTION, Distortion, channel_values, matrices
+from processing.calibration.range_dependence import RangeDistortion
 from processing.errors import DataError
 
 seeds = st.integers(0, 10_000)
@@ -105,3 +106,31 @@ def test_wrong_channels_are_refused() -> None:
         NO_DISTORTION.remove(np.ones((1, 2)), ("RL",))
     with pytest.raises(DataError, match="has not 4 channels"):
         NO_DISTORTION.remove(np.ones((3, 2)))
+
+
+def test_distortion_that_changes_with_range_comes_off_row_by_row() -> None:
+    random = np.random.default_rng(6)
+    near, far = distortion(random), distortion(random)
+    both = RangeDistortion((4.0, 8.0), (near, far))
+    middle = both.at(6.0)
+    np.testing.assert_allclose(middle.receive, (near.receive + far.receive) / 2, atol=1e-15)
+    np.testing.assert_allclose(both.at(1.0).receive, near.receive)
+    np.testing.assert_allclose(both.at(99.0).transmit, far.transmit)
+    s = complex_noise(random, (3, 5, 2, 2), 1.0)
+    rows = [near, middle, far]
+    image = np.stack([channel_values(d.apply(one)).T for d, one in zip(rows, s, strict=True)], axis=1)
+    np.testing.assert_allclose(both.remove(image, [4, 6, 8]), np.moveaxis(channel_values(s), -1, 0), atol=1e-12)
+    power = np.ones((4, 3))
+    np.testing.assert_allclose(both.noise_after(power, [4, 6, 8])[:, 1], middle.noise_after(np.ones(4)))
+    one = RangeDistortion((5.0,), (near,))
+    np.testing.assert_allclose(one.remove(image, [4, 6, 8]), near.remove(image))
+
+
+def test_ranges_that_make_no_sense_are_refused() -> None:
+    for ranges, count, words in (((5.0, 5.0), 2, "increase"), ((5.0,), 2, "2 distortions"), ((np.nan,), 1, "finite")):
+        with pytest.raises(DataError, match=words):
+            RangeDistortion(ranges, (NO_DISTORTION,) * count)
+    with pytest.raises(DataError, match="for an image"):
+        RangeDistortion((5.0,), (NO_DISTORTION,)).remove(np.ones((4, 3)), [1.0, 2.0])
+    with pytest.raises(DataError, match="range is"):
+        RangeDistortion((5.0,), (NO_DISTORTION,)).at(np.nan)

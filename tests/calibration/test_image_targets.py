@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -79,6 +80,26 @@ def test_three_targets_in_one_image(tmp_path: Path) -> None:
     assert isolated.budget.sd("co_imbalance_db") > found.budget.sd("co_imbalance_db")
 
 
+def test_sets_at_two_ranges_give_a_distortion_for_each(tmp_path: Path) -> None:
+    far = [
+        dataclasses.replace(spec, x_m=x, y_m=13.0, name=f"far {spec.name}")
+        for spec, x in ((CORNER, 0.0), (UPRIGHT, -3.0), (TURNED, 3.0))
+    ]
+    near = [dataclasses.replace(spec, y_m=6.0) for spec in (CORNER, UPRIGHT, TURNED)]
+    path = write_image(tmp_path / "p.h5", [*near, *far])
+    found = calibrate(path, near[0], targets=[*near[1:], *far], draws=50)
+    assert found.by_range is not None
+    np.testing.assert_allclose(found.by_range.range_m, np.hypot([6.0, 13.0], GROUND_Z_M), atol=0.01)
+    for one in found.by_range.distortions:
+        assert TRUTH.residual(one).worst_crosstalk_db < -40
+    assert found.distortion is found.by_range.distortions[0]
+    assert len(Products(path).settings("calibration")["by_range"]) == 2
+    scattering = Products(path).read("calibration")["scattering"]
+    x, y = far[1].image_place(GROUND_Z_M)
+    values = scattering[:, np.argmin(abs(Y - y)), np.argmin(abs(X - x))]
+    np.testing.assert_allclose(values / values[0], [1, 0, 0, -1], atol=0.02)
+
+
 def test_the_report_shows_targets_and_budget(tmp_path: Path) -> None:
     path = write_image(tmp_path / "p.h5", [CORNER, UPRIGHT, TURNED])
     calibrate(path, CORNER, targets=[UPRIGHT, TURNED], draws=100)
@@ -120,6 +141,8 @@ def test_a_meadow_tells_the_crosstalk(tmp_path: Path, method) -> None:
     if method == "quegan":
         # |x| / |hh| / sqrt(2300 pixels) = 0.8 %, 1.3 % for HH and VV are half alike; the worst of four, three of them.
         assert TRUTH.residual(found.distortion).worst_crosstalk_db < -28
+        for name, told in found.paths().items():
+            assert abs(found.distortion.crosstalk[name] - TRUTH.crosstalk[name]) < 4 * told["sd"] < 0.1
     assert found.constant_db == pytest.approx(-20 * np.log10(AMPLITUDE), abs=0.15)
     with pytest.raises(DataError, match="too few"):
         calibrate(path, CORNER, clutter=Region((20, 21), (20, 21)), draws=100)
