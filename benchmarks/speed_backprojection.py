@@ -52,7 +52,7 @@ def _peers(collect: Collect, rounds: int) -> list[Row]:
         try:
             peers[peer] = make(collect)
         except ImportError as error:
-            missing[peer] = f"not compared: {error}"
+            missing[peer] = f"not compared: {error} (pip found no version of it for this Python and machine when tried)"
     everyone = ours | peers
     errors = {name: error_db(image()[np.ix_(rows, rows)], truth) for name, image in everyone.items()}
     seconds: dict[str, list[float]] = {name: [] for name in everyone}
