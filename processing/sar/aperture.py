@@ -1,4 +1,4 @@
-"""The synthetic aperture: windows along it, which pulses count, how evenly they stand, and what the antennas saw."""
+"""The synthetic aperture: windows along it, which pulses count, and what the antennas saw."""
 
 from __future__ import annotations
 
@@ -116,58 +116,6 @@ def usable_pulses(
         start_m=axis[0] + start[used],
         velocity_m_s=None if velocity is None else velocity[used],
     )
-
-
-@dataclass(frozen=True)
-class EvenTrack:
-    """A straight track along x with equal steps."""
-
-    first_m: float
-    """x of the first sample."""
-    step_m: float
-    """Distance from one sample to the next, > 0."""
-    index: NDArray[np.intp]
-    """(positions,) sample at which each position stands; samples between may be missing."""
-    y_m: float
-    z_m: float
-    residual_m: float
-    """Root mean square distance of the true positions from the even ones."""
-
-
-def even_track(antenna_m: NDArray[np.float64], *, tolerance: float = 0.01) -> EvenTrack:
-    """Fit equal steps along x to a track, allowing for missed positions.
-
-    Args:
-        antenna_m: (positions, 3) places of the antenna, in any order.
-        tolerance: largest deviation of any position from the fit, as a fraction of the step.
-
-    Raises:
-        DataError: fewer than two places, or positions that deviate more than the tolerance.
-    """
-    advice = "focus by back-projection, which takes positions as they are"
-    x = antenna_m[:, 0]
-    order = np.argsort(x, kind="stable")
-    gaps = np.diff(x[order])
-    if not gaps.size or gaps.max() <= 0:
-        raise DataError(f"{len(x)} positions at one place are no aperture along the rail", advice)
-    step = float(np.median(gaps))
-    if step <= 0:
-        raise DataError("positions are repeated", advice)
-    index = np.empty(len(x), dtype=np.intp)
-    index[order] = np.rint((x[order] - x[order[0]]) / step).astype(np.intp)
-    if len(np.unique(index)) < len(index):
-        raise DataError("positions are repeated or uneven", advice)
-    slope, first = np.polyfit(index, x, 1)
-    y, z = float(np.mean(antenna_m[:, 1])), float(np.mean(antenna_m[:, 2]))
-    away = antenna_m - np.column_stack([first + slope * index, np.full(len(x), y), np.full(len(x), z)])
-    worst = float(np.linalg.norm(away, axis=1).max())
-    if worst > tolerance * slope:
-        raise DataError(
-            f"positions deviate up to {1000 * worst:.2g} mm from a straight rail with steps of {1000 * slope:.4g} mm "
-            f"(range migration allows {100 * tolerance:g} % of a step)",
-            advice,
-        )
-    return EvenTrack(float(first), float(slope), index, y, z, float(np.sqrt(np.mean(away**2) * 3)))
 
 
 def two_way_gain(
