@@ -54,7 +54,7 @@ MIGRATION_TYPICAL_DB = (-80.0, -76.0, -68.5, -62.5, -49.0, 0.0)
 MIGRATION_WINDOW_DB = -3.0
 """By how much a window over the ramp lowers it where nothing but spectral leakage is left, up to the first angle."""
 
-FACTORIZED_TYPICAL_DB = {8: -5.5, 12: -3.0}
+FACTORIZED_TYPICAL_DB = {8: -2.5}
 """What is measured of factorized back-projection over the bound that its settings are chosen by, dB, by the taps of its
 interpolation along the angle."""
 
