@@ -21,7 +21,7 @@ class Prediction:
     error_db: float
     """Expected error of the method, dB below the image."""
     method: str
-    """``"rma"``, ``"bp"``, ``"ffbp"`` or ``"reference"``."""
+    """``"rma"``, ``"pfa"``, ``"bp"``, ``"ffbp"`` or ``"reference"``."""
     why: tuple[str, ...]
     """The choice in words: what, why, and what else there was."""
     interpolator: str

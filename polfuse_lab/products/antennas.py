@@ -31,14 +31,15 @@ def antenna_pairs(rig: Rig | None, channels: Sequence[str]) -> tuple[AntennaPair
 
 
 def check_method(rig: Rig | None, method: str) -> None:
-    """Refuse range migration where the rig's antennas are apart.
+    """Refuse range migration and polar format where the rig's antennas are apart.
 
     Raises:
-        PolfuseError: range migration is asked for, which takes both antennas to be in one place.
+        PolfuseError: one of them is asked for, which take both antennas to be in one place.
     """
-    if method == "rma" and antenna_pairs(rig, CHANNELS) is not None:
+    names = {"rma": "range migration", "pfa": "polar format"}
+    if method in names and antenna_pairs(rig, CHANNELS) is not None:
         raise PolfuseError(
-            "range migration takes the antennas to be in one place, and geometry.phase_centres puts them apart",
+            f"{names[method]} takes the antennas to be in one place, and geometry.phase_centres puts them apart",
             where="method",
             advice="focus by back-projection (bp or ffbp), or leave the method out",
         )
