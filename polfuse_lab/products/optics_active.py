@@ -50,6 +50,12 @@ class ActiveResult:
         return float(np.median(defined)) if defined.size else math.nan
 
 
+def image_of(products: Products) -> ActiveImage:
+    """The image of a stage ``"active_optics"``. Raises :class:`polfuse_lab.errors.PolfuseError` where it is missing."""
+    arrays = products.read(STAGE)
+    return ActiveImage(**{name: arrays[name] for name in UNITS if name != "pauli"})
+
+
 def active_optics(
     session_path: Path | str,
     products_path: Path | str,

@@ -40,6 +40,11 @@ MADE_BY = {
     "analysis": "polfuse analyse PRODUCTS.h5",
     "matrices": "polfuse import DIR -o PRODUCTS.h5 --as polsarpro",
     "optics": "polfuse optics SESSION.h5 -o PRODUCTS.h5",
+    "raytrace": "polfuse raytrace SCENE.toml -o PRODUCTS.h5",
+    "active_optics": "polfuse optics SESSION.h5 -o PRODUCTS.h5",
+    "flat": "polfuse optics SESSION.h5 -o PRODUCTS.h5 --as flat",
+    "linearity": "polfuse optics SESSION.h5 -o PRODUCTS.h5 --as linearity",
+    "analyser": "polfuse optics SESSION.h5 -o PRODUCTS.h5 --as analyser",
     "fusion": "polfuse fuse PRODUCTS.h5",
 }
 """The command that makes each stage."""

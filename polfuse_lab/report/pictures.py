@@ -131,7 +131,7 @@ def _polarimetry(products: Products) -> list[Picture]:
 
 
 def _optics(products: Products) -> list[Picture]:
-    from polfuse_lab.products.figures_optics import optics_figure
+    from polfuse_lab.products.figures_optics import composite_figure, optics_figure
     from polfuse_lab.products.optics import UNITS, series_of
     from processing.optics.stokes import StokesImage
 
@@ -142,7 +142,25 @@ def _optics(products: Products) -> list[Picture]:
         "its noise bias, the angle of polarization from horizontal, and why pixels are masked."
     )
     figure = optics_figure(image, series_of(products.settings("optics")))
-    return [_picture("optics", "Polarization of the light", caption, figure)]
+    colours = (
+        "Stokes parameters as colours (thesis 7.7): unpolarized light is green, yellow has much of S1, cyan much of S2."
+    )
+    return [
+        _picture("optics", "Polarization of the light", caption, figure),
+        _picture("stokes", "Stokes parameters as colours", colours, composite_figure(image)),
+    ]
+
+
+def _active_optics(products: Products) -> list[Picture]:
+    from polfuse_lab.products.figures_optics_active import active_figure
+    from polfuse_lab.products.optics_active import image_of
+
+    caption = (
+        "Active mode in visible light (thesis 6.3): intensities by the polarizers of source and camera, their Pauli "
+        "composite (of received powers, not of complex amplitudes; square-root scale), and the degree of polarization "
+        "of thesis 6.8."
+    )
+    return [_picture("active_optics", "Active mode", caption, active_figure(image_of(products)))]
 
 
 def _fusion(products: Products) -> list[Picture]:
@@ -174,5 +192,6 @@ _PICTURES: dict[str, Callable[[Products], list[Picture]]] = {
     "analysis": _analysis,
     "polarimetry": _polarimetry,
     "optics": _optics,
+    "active_optics": _active_optics,
     "fusion": _fusion,
 }

@@ -127,7 +127,7 @@ def mosaic_stokes(
     bands = [(rows * band // threads, rows * (band + 1) // threads) for band in range(threads)]
     with ThreadPoolExecutor(threads) if threads > 1 else nullcontext() as pool:
         run = map if pool is None else pool.map
-        list(run(lambda band: _band(frame, by_row, offset, saturation, *band, out), bands))
+        list(run(lambda band: _band(frame, by_row, offset, saturation, band[0], band[1], out), bands))
     return out
 
 

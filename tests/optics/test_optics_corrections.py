@@ -14,10 +14,11 @@ from drivers.records import Frame
 from polfuse_lab.cli import build
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.optics import optics
-from polfuse_lab.products.optics_active import active_optics
+from polfuse_lab.products.optics_active import active_optics, image_of
 from polfuse_lab.products.optics_calibration import calibrate_analysers, calibrate_flat, calibrate_linearity
 from polfuse_lab.products.store import Products
 from polfuse_lab.records import Exposure, FrameFlag
+from polfuse_lab.report.pictures import stage_pictures
 from processing.errors import DataError
 from processing.optics.analyser import measurement_matrix
 from processing.optics.flat import Linearity
@@ -195,6 +196,8 @@ def test_the_active_mode_gives_its_four_channels(tmp_path: Path, mosaic: str) ->
     assert made["ambient_frames"] == (2 if mosaic != "none" else 4)
     assert Path(str(made["figure"])).read_bytes().startswith(b"\x89PNG")
     np.testing.assert_allclose(arrays["pauli"][2], arrays["intensities"][0] + arrays["intensities"][3], rtol=1e-5)
+    np.testing.assert_array_equal(image_of(Products(tmp_path / "p.h5")).dolp, arrays["dolp"])
+    assert [picture.name for picture in stage_pictures(Products(tmp_path / "p.h5"))] == ["active_optics"]
 
 
 @pytest.mark.parametrize("mosaic", ["none", "90-45-135-0"])
