@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from processing.errors import DataError
 from processing.optics import stokes_vectors
-from processing.optics.stokes import polarization
+from processing.optics.debias import polarization
 
 Floats = NDArray[np.float64]
 
