@@ -58,7 +58,7 @@ def mitsuba(given: Case, samples: int, runs: int) -> tuple[np.ndarray, np.ndarra
 
 
 def _against_mitsuba(given: Case, quick: bool) -> Row:
-    pictures, _ = mitsuba(given, 64, 8 if quick else 24)
+    pictures, _ = mitsuba(given, 64, 8 if quick else 16)
     ours = backward(prepared(given), given.view, bounces=BOUNCES, samples=512 if quick else 1536)
     theirs, their_error = pictures.mean(axis=0), pictures.std(axis=0, ddof=1) / np.sqrt(len(pictures))
     return compare(f"raytrace.mitsuba.{given.name}", "Mitsuba 3", ours, theirs, their_error)
@@ -93,8 +93,8 @@ def _both_ways(quick: bool) -> list[Row]:
         # A small screen: a camera that stands in the light of a large one is lit by few rays of it.
         scene = prepared(given)
         view = View(given.view.position_m, given.view.target_m, 16, 16, given.view.field_rad)
-        back = backward(scene, view, bounces=3, samples=1024)
-        fore = forward(scene, view, bounces=3, rays=2_000_000 if quick else 8_000_000)
+        back = backward(scene, view, bounces=3, samples=1016)
+        fore = forward(scene, view, bounces=3, rays=2_000_000)
         row = compare(f"raytrace.both_ways.{body}", "forward from the source", back, fore.mean, fore.standard_error)
         rows.append(row)
     return rows

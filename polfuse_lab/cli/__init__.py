@@ -25,6 +25,7 @@ COMMANDS = (
     ("decompose", "decompose", "decompose"),
     ("detect", "detect", "detect"),
     ("optics", "optics", "optics"),
+    ("raytrace", "raytrace", "raytrace"),
     ("fuse", "fuse", "fuse"),
     ("export", "export", "export"),
     ("report", "report", "report"),
