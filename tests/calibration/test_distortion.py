@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from calibration_rig import complex_noise, distortion
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.calibration.distortion import CHANNELS, NO_DISTORTION, Distortion, channel_values, matrices
@@ -15,6 +15,7 @@ from processing.errors import DataError
 seeds = st.integers(0, 10_000)
 
 
+@settings(deadline=None, max_examples=40)
 @given(seeds)
 def test_all_four_channels_give_any_scattering_back(seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -28,6 +29,7 @@ def test_all_four_channels_give_any_scattering_back(seed: int) -> None:
     np.testing.assert_allclose(again, np.moveaxis(channel_values(s), -1, 0)[order], atol=1e-12)
 
 
+@settings(deadline=None, max_examples=40)
 @given(seeds, st.sampled_from([("HH", "HV", "VV"), ("VV", "VH", "HH")]))
 def test_three_channels_give_reciprocal_scattering_back(seed: int, names: tuple[str, ...]) -> None:
     random = np.random.default_rng(seed)

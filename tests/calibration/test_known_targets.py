@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from calibration_rig import DIHEDRAL, DIHEDRAL_45, THREE, TRIHEDRAL, complex_noise, distortion, measure
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.calibration.distortion import channel_values, matrices
@@ -20,6 +20,7 @@ def scales(random, count=3):
     return np.exp(2j * np.pi * random.random(count)) * 10 ** random.uniform(-3, 3, count)
 
 
+@settings(deadline=None, max_examples=40)
 @given(seeds, st.permutations([0, 1, 2]), st.floats(-30, -8), st.floats(-80, 80))
 def test_whitt_is_exact_for_the_three_targets_in_any_order(seed, order, level, degrees) -> None:
     random = np.random.default_rng(seed)
@@ -31,6 +32,7 @@ def test_whitt_is_exact_for_the_three_targets_in_any_order(seed, order, level, d
     np.testing.assert_allclose(found.scale, a[order], rtol=1e-10)
 
 
+@settings(deadline=None, max_examples=40)
 @given(seeds)
 def test_whitt_is_exact_for_other_targets_as_well(seed: int) -> None:
     # Any three of which one is regular and which share no eigenvector: here with eigenvalues 2 : 1.
@@ -54,6 +56,7 @@ def test_the_sign_that_stays_open_keeps_the_receive_phase_within_90_degrees() ->
     np.testing.assert_allclose(back, s * [[1, -1], [-1, 1]], atol=1e-12)
 
 
+@settings(deadline=None, max_examples=40)
 @given(seeds)
 def test_exchanging_h_and_v_is_no_solution(seed: int) -> None:
     # Trihedral and dihedral alone are explained as well by a radar with H and V exchanged; crosstalk decides.
@@ -93,6 +96,7 @@ def test_measured_targets_that_cannot_be_used_are_refused() -> None:
     assert np.isnan(contrast(np.zeros((2, 2)), DIHEDRAL))
 
 
+@settings(deadline=None, max_examples=40)
 @given(seeds)
 def test_the_fit_is_exact_without_noise_and_finds_how_a_dihedral_stands(seed: int) -> None:
     random = np.random.default_rng(seed)

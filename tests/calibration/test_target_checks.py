@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from calibration_rig import DIHEDRAL, DIHEDRAL_45, TRIHEDRAL, complex_noise, distortion
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.calibration.distortion import Distortion, channel_values
@@ -20,6 +20,7 @@ from processing.calibration.target_fit import turned
 from processing.errors import DataError
 
 
+@settings(deadline=None, max_examples=40)
 @given(st.floats(0, 45), st.floats(-10, 10), st.floats(-10, 10), st.floats(-np.pi, np.pi), st.floats(-np.pi, np.pi))
 def test_the_fold_is_seen_through_any_imbalance(fold, r_db, t_db, r_rad, t_rad) -> None:
     radar = Distortion.isolated(10 ** (r_db / 20) * np.exp(1j * r_rad), 10 ** (t_db / 20) * np.exp(1j * t_rad))
@@ -28,6 +29,7 @@ def test_the_fold_is_seen_through_any_imbalance(fold, r_db, t_db, r_rad, t_rad) 
     assert np.degrees(fold_seen(values)) == pytest.approx(fold, abs=1e-5)
 
 
+@settings(deadline=None, max_examples=40)
 @given(st.integers(0, 10_000), st.sampled_from([("trihedral", TRIHEDRAL, 0), ("dihedral", DIHEDRAL, 90),
                                                 ("dihedral", DIHEDRAL_45, 45)]))  # fmt: skip
 def test_good_targets_pass_in_spite_of_crosstalk(seed, target) -> None:
@@ -78,6 +80,7 @@ def test_the_same_target_twice_is_seen() -> None:
         check_different(("corner", "upright"), np.zeros(4), other)
 
 
+@settings(deadline=None, max_examples=40)
 @given(st.integers(0, 1000))
 def test_repeats_placed_anew_are_averaged_in_phase(seed) -> None:
     random = np.random.default_rng(seed)
