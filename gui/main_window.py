@@ -21,6 +21,7 @@ from PySide6.QtWidgets import (
 from gui.pages.collect_page import CollectPage
 from gui.pages.live_page import LivePage
 from gui.pages.products_page import ProductsPage
+from gui.pages.regions_page import RegionsPage
 from gui.pages.session_page import SessionPage
 from gui.pages.settings_page import SettingsPage
 from gui.pages.setup_page import SetupPage
@@ -61,6 +62,7 @@ class MainWindow(QMainWindow):
             ("live", self.tr("Live"), LivePage(self.bench)),
             ("session", self.tr("Session"), SessionPage(self.bench)),
             ("products", self.tr("Products"), ProductsPage(self.bench)),
+            ("regions", self.tr("Regions"), RegionsPage(self.bench)),
             ("settings", self.tr("Settings"), self.settings_page),
         ):
             self._add(name, text, page)

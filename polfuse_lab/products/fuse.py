@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,78 +9,32 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.optics import pinhole_of
+from polfuse_lab.products.region_statistics import (
+    ClassSummary,
+    Group,
+    Separability,
+    read_regions,
+    region_samples,
+    separabilities,
+    statistics,
+    summaries,
+)
 from polfuse_lab.products.store import Products
-from polfuse_lab.rig import FileModel, read_model
 from processing.errors import DataError
 from processing.fusion.features import FEATURES, fused_vector, normalized_components
 from processing.fusion.kmeans import UNCLASSIFIED, Classes, kmeans
-from processing.fusion.regions import polygon_mask
 from processing.fusion.registration import GeometryErrors, ground_to_camera, registration_error, sample_bilinear
-from processing.fusion.separability import (
-    BayesBounds,
-    Statistics,
-    bayes_bounds,
-    bhattacharyya,
-    class_statistics,
-    jeffries_matusita,
-    reed_xiaoli,
-)
+from processing.fusion.separability import class_statistics, reed_xiaoli
 from processing.optics.debias import debias
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 
 Floats = NDArray[np.float64]
 
 STAGE = "fusion"
-BANDS = {"pauli": (0, 1, 2), "pauli_dolp": (0, 1, 2, 3), "even_odd_dolp": (0, 2, 3)}
-"""Sets of features that are compared, as in thesis Table 7.3."""
 UNITS = {"u_px": "px", "v_px": "px", "registration_error_px": "px", "s0_on_ground": "counts", "x_m": "m", "y_m": "m"}
-
-
-class Region(FileModel):
-    """A named patch of the ground."""
-
-    name: str = Field(min_length=1)
-    """A name for tables and figures."""
-    polygon_m: tuple[tuple[float, float], ...] = Field(min_length=3)
-    """Corners [x, y] in order, m: x along the rail, y ground range."""
-
-
-class Regions(FileModel):
-    """A regions file: ``[[region]]`` tables."""
-
-    region: tuple[Region, ...] = Field(min_length=2)
-    """Two or more regions to be told apart."""
-
-
-@dataclass(frozen=True)
-class Separability:
-    """How well two classes can be told apart."""
-
-    distance: dict[str, float]
-    """Bhattacharyya distance by set of features (``BANDS``)."""
-    bounds: BayesBounds
-    """Of the Bayes error with equal priors, from all four features."""
-    jeffries_matusita: float
-    """From all four features."""
-
-
-@dataclass(frozen=True)
-class ClassSummary:
-    """One class or region."""
-
-    pixels: int
-    fraction: float
-    """Of the classified pixels."""
-    mean: dict[str, float]
-    """Mean of each feature, by name."""
-    mechanism: str
-    """Pauli component of the mean above 0.8 of its norm, or "mixed"."""
-    regularized: str
-    """Why its covariance had to be regularized, or empty."""
 
 
 @dataclass(frozen=True)
@@ -163,14 +116,17 @@ def fuse(
     samples = features.reshape(4, -1).T
     found = _ordered(kmeans(samples, classes, seed=seed, start=start))
     notes: list[str] = []
-    by_class = _statistics({f"class {i + 1}": samples[found.labels == i] for i in range(classes)}, notes)
-    by_region = {} if regions is None else _statistics(_region_samples(regions, features, x_m, y_m), notes, strict=True)
+    by_class = statistics({f"class {i + 1}": samples[found.labels == i] for i in range(classes)}, notes)
+    by_region: dict[str, Group] = {}
+    if regions is not None:
+        drawn = region_samples(read_regions(regions), features, x_m, y_m, str(regions))
+        by_region = statistics(drawn, notes, strict=True)
     rx = _anomalies(features, notes)
     result = FuseResult(
         products=products.path,
-        classes=_summaries(by_class),
-        regions=_summaries(by_region),
-        pairs=_pairs(by_region or by_class),
+        classes=summaries(by_class),
+        regions=summaries(by_region),
+        pairs=separabilities(by_region or by_class),
         pixels=int(fused.sum()),
         iterations=found.iterations,
         registration_error_px=float(np.median(error_px[fused])),
@@ -252,80 +208,6 @@ def _ordered(found: Classes) -> Classes:
     rank[order] = np.arange(len(order))
     labels = np.where(found.labels == UNCLASSIFIED, UNCLASSIFIED, rank[found.labels])
     return Classes(labels, found.centres[order], found.iterations, found.changed, found.inertia)
-
-
-def _region_samples(path: Path | str, features: Floats, x_m: Floats, y_m: Floats) -> dict[str, Floats]:
-    found: dict[str, Floats] = {}
-    for region in read_model(path, Regions).region:
-        if region.name in found:
-            raise PolfuseError(f"names region '{region.name}' twice", where=str(path), advice="give each its own name")
-        inside = polygon_mask(region.polygon_m, x_m, y_m)
-        samples = features[:, inside].T
-        if not np.isfinite(samples).all(axis=1).any():
-            raise PolfuseError(
-                f"region '{region.name}' holds no pixel that both radar and camera define ({inside.sum()} inside)",
-                where=str(path),
-                advice="move or enlarge it, or lower --min-snr-db",
-            )
-        found[region.name] = samples
-    return found
-
-
-@dataclass(frozen=True)
-class _Group:
-    samples: Floats
-    by_band: dict[str, Statistics]
-
-
-def _statistics(groups: Mapping[str, Floats], notes: list[str], *, strict: bool = False) -> dict[str, _Group]:
-    """Statistics of each group for each set of features; groups that are too small are left out, or refused."""
-    found = {}
-    for name, samples in groups.items():
-        defined = samples[np.isfinite(samples).all(axis=1)]
-        try:
-            by_band = {
-                band: class_statistics(defined[:, columns], name, singular="regularize")
-                for band, columns in BANDS.items()
-            }
-        except DataError as error:
-            if strict:
-                raise
-            notes.append(str(error))
-            continue
-        if reason := by_band["pauli_dolp"].regularized:
-            notes.append(f"the covariance of '{name}' was singular ({reason}) and was regularized")
-        found[name] = _Group(defined, by_band)
-    return found
-
-
-def _summaries(groups: Mapping[str, _Group]) -> dict[str, ClassSummary]:
-    total = sum(len(group.samples) for group in groups.values())
-    summaries = {}
-    for name, group in groups.items():
-        mean = group.by_band["pauli_dolp"].mean
-        summaries[name] = ClassSummary(
-            pixels=len(group.samples),
-            fraction=len(group.samples) / total,
-            mean={feature: float(value) for feature, value in zip(FEATURES, mean, strict=True)},
-            mechanism=_mechanism(mean[:3]),
-            regularized=group.by_band["pauli_dolp"].regularized,
-        )
-    return summaries
-
-
-def _mechanism(components: Floats) -> str:
-    share = components / max(float(np.linalg.norm(components)), 1e-300)
-    return FEATURES[int(np.argmax(share))] if share.max() > 0.8 else "mixed"
-
-
-def _pairs(groups: Mapping[str, _Group]) -> dict[str, Separability]:
-    pairs = {}
-    for (name, one), (other_name, other) in itertools.combinations(groups.items(), 2):
-        distance = {band: bhattacharyya(one.by_band[band], other.by_band[band]) for band in BANDS}
-        pairs[f"{name} - {other_name}"] = Separability(
-            distance, bayes_bounds(distance["pauli_dolp"]), jeffries_matusita(distance["pauli_dolp"])
-        )
-    return pairs
 
 
 def _anomalies(features: Floats, notes: list[str]) -> Floats:

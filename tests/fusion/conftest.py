@@ -116,7 +116,15 @@ def write_optics(products: Products) -> None:
     shown[:8, :8] = np.nan
     products.write(
         "optics",
-        {"s0": s0, "s1": s1, "s2": s2, "dolp": shown, "dolp_sd": np.full(s0.shape, 0.01)},
+        # Behind evenly spread angles the DOLP's sd is sqrt 2 times that of S0 over S0.
+        {
+            "s0": s0,
+            "s1": s1,
+            "s2": s2,
+            "s0_sd": s0 * (0.01 / np.sqrt(2)),
+            "dolp": shown,
+            "dolp_sd": np.full(s0.shape, 0.01),
+        },
         settings={
             "camera": {
                 "focal_length_m": CAMERA.focal_length_m,
