@@ -49,6 +49,12 @@ class AnalyserCalibration:
         return turned
 
     @property
+    def typical_angle_sd_rad(self) -> tuple[float, ...]:
+        """(K,) sds of the angles, root mean square over the regions, radians; 0 where three readings left none."""
+        mean = np.sqrt(np.mean(self.angle_sd_rad**2, axis=(1, 2)))
+        return tuple(float(sd) for sd in np.where(np.isfinite(mean), mean, 0.0))
+
+    @property
     def offset_rad(self) -> Floats:
         """(K, R, C) angles found less nominal ones, radians."""
         offset: Floats = self.angle_rad - np.asarray(self.nominal_rad)[:, None, None]

@@ -38,7 +38,7 @@ _TINY = 1e-9
 class Shift:
     """Where a scene's points are in an image, less where they are in the reference: down and right, pixels, with sds.
 
-    Sds are infinite where the images show no edges.
+    Sds are infinite, and the shift 0, in directions in which the images show no edges.
     """
 
     down: float
@@ -141,7 +141,8 @@ def registered(
     if how == "off":
         return images, saturated, (), ()
     shifts = [Shift(0.0, 0.0, 0.0, 0.0), *(measure_shift(image, images[0], saturated) for image in images[1:])]
-    undo = [i > 0 and (how == "on" or shift.significant()) for i, shift in enumerate(shifts)]
+    known = [bool(np.isfinite([shift.down_sd, shift.right_sd]).any()) for shift in shifts]
+    undo = [i > 0 and known[i] and (how == "on" or shift.significant()) for i, shift in enumerate(shifts)]
     images, spoilt = images.copy(), saturated.copy()
     for i, shift in enumerate(shifts):
         if undo[i]:
@@ -217,4 +218,5 @@ def _refined(moving: Floats, still: Floats, weight: Floats, down: float, right: 
     alike = 4 * np.pi * SMOOTHING_PX**2
     variance = float(residual @ residual) / count
     sds = np.where(known, np.sqrt(variance * np.diag(inverse) * alike), np.inf)
+    moved[~known] = 0.0
     return Shift(float(moved[0]), float(moved[1]), float(sds[0]), float(sds[1]))

@@ -184,7 +184,7 @@ class FrameStack:
     ) -> AveragedSeries:
         """Mean light of each angle, in ascending order of angle.
 
-        Dark image, linearity, flat field, analysers and shifts are corrected in this order.
+        Dark image, linearity, flat field, shifts and analysers are corrected in this order.
 
         Args:
             noise: noise of one pixel in one frame; rounding and shot noise at one electron a count when left out.
@@ -201,10 +201,14 @@ class FrameStack:
             DataError: no complete frame, or angles that do not determine S0, S1 and S2.
         """
         means = self.means()
+        sds = means.angle_sd_rad
+        if analysers is not None and len(sds) == len(analysers.nominal_rad):
+            # A reading differs from that of the calibration by its own sd.
+            sds = tuple(map(math.hypot, sds, analysers.typical_angle_sd_rad))
         series = PolarizerSeries(
             angles_rad=means.angles_rad,
             frames=means.frames,
-            angle_sd_rad=means.angle_sd_rad,
+            angle_sd_rad=sds,
             extinction_ratio=extinction_ratio if analysers is None else math.inf,
             noise=noise or SensorNoise(),
             dark_frames=means.dark_frames,
@@ -254,7 +258,7 @@ class FrameStack:
         series = PolarizerSeries(
             angles_rad=tuple(math.radians(angle) for angle in ANGLES_DEG),
             frames=(frames,) * len(ANGLES_DEG),
-            angle_sd_rad=(0.0,) * len(ANGLES_DEG),
+            angle_sd_rad=(0.0,) * len(ANGLES_DEG) if analysers is None else analysers.typical_angle_sd_rad,
             extinction_ratio=extinction_ratio if analysers is None else math.inf,
             noise=noise or SensorNoise(),
             dark_frames=means.dark_frames,

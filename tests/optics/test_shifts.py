@@ -113,6 +113,10 @@ def test_images_without_edges_tell_nothing() -> None:
     along = measure_shift(stripes, stripes)
     assert math.isfinite(along.down_sd)
     assert math.isinf(along.right_sd)
+    assert along.right == 0
+    images, _, _, undone = registered(np.stack([flat, flat]), np.zeros((64, 64), bool), "on")
+    assert undone == (False, False)
+    np.testing.assert_array_equal(images, 100.0)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (8, 200), (31, 31)])
