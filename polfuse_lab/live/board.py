@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from polfuse_lab.live.ring import SUFFIX, Array, RingReader, RingWriter, Shown, supersede
+from polfuse_lab.live.ring import Array, RingReader, RingWriter, Shown, generations, ring_path, supersede
 
 FOLDER = "live"
 """Folder of the rings inside an engine's private directory."""
@@ -56,13 +56,16 @@ class Board:
         size = sum(-(-array.nbytes // 64) * 64 for array in arrays.values())
         ring = self._rings.get(stream)
         if ring is None or ring.payload_bytes < size:
-            path = self._folder / f"{stream}{SUFFIX}"
+            last = generations(self._folder, stream).get(stream, 0)
+            before = ring_path(self._folder, stream, last)
             # The ring of a live process that has died is gone on with.
-            first = supersede(path) + 1 if ring is None else ring.number + 1
-            self._rings[stream] = RingWriter(path, size, slots, first)
+            first = (supersede(before) if ring is None else ring.number) + 1
+            self._rings[stream] = RingWriter(ring_path(self._folder, stream, last + 1), size, slots, first)
             if ring is not None:
                 ring.retire()
                 ring.close()
+            with contextlib.suppress(OSError):
+                before.unlink()  # where readers do not keep it; else it goes with the engine's directory
         return self._rings[stream].put(arrays, units or {}, values or {}, t_sample_ns)
 
     def close(self) -> None:
@@ -89,11 +92,7 @@ class LiveView:
 
     def streams(self) -> tuple[str, ...]:
         """Names of the streams that there are, sorted."""
-        try:
-            found = sorted(self._folder.glob(f"*{SUFFIX}"))
-        except OSError:
-            return ()
-        return tuple(path.name.removesuffix(SUFFIX) for path in found)
+        return tuple(sorted(generations(self._folder)))
 
     def newest(self, stream: str, *, after: int = 0) -> Shown | None:
         """The newest item; None where there is none with a number above ``after``. Cheap when nothing is new."""
@@ -145,8 +144,9 @@ class LiveView:
         reader = self._readers.get(stream)
         if reader is None or reader.retired:
             # Where nothing has taken its place, the last items of an engine that has ended stay.
-            with contextlib.suppress(OSError, ValueError):
-                fresh = RingReader(self._folder / f"{stream}{SUFFIX}")
+            with contextlib.suppress(OSError, ValueError, KeyError):
+                generation = generations(self._folder, stream)[stream]
+                fresh = RingReader(ring_path(self._folder, stream, generation))
                 if reader is not None:
                     reader.close()
                 reader = self._readers[stream] = fresh

@@ -24,8 +24,9 @@ TICK_S = 0.03
 REACH_S = 0.25
 """Longest pause of this thread that loses no audio for display, s."""
 QUEUE_BYTES = 96_000_000
-PAST_BYTES = 48_000_000
-"""Records kept for a live process that is started in the middle of a run."""
+PAST_BYTES = 32_000_000
+PAST_FRAMES = 8
+"""Records and frames kept for a live process that is started in the middle of a run."""
 RESTARTS = 3
 """How often a live process that died is started again."""
 
@@ -73,6 +74,7 @@ class LiveFeed:
         self._radar: OverheardRadar | None = None
         self._following = 0
         self._past: deque[Record] = deque()
+        self._past_frames: deque[Record] = deque(maxlen=PAST_FRAMES)
         self._past_bytes = 0
         self._process: subprocess.Popen[bytes] | None = None
         self._restarts = 0
@@ -95,10 +97,13 @@ class LiveFeed:
         """Take a record; returns at once. The oldest waiting ones are dropped when there are too many."""
         size = _size(record)
         with self._lock:
-            self._past.append(record)
-            self._past_bytes += size
-            while self._past_bytes > PAST_BYTES:
-                self._past_bytes -= _size(self._past.popleft())
+            if isinstance(record, Exposure):
+                self._past_frames.append(record)
+            else:
+                self._past.append(record)
+                self._past_bytes += size
+                while self._past_bytes > PAST_BYTES:
+                    self._past_bytes -= _size(self._past.popleft())
             if self._thread is None:
                 return
             self._waiting.append(record)
@@ -171,7 +176,8 @@ class LiveFeed:
         self._say(self._first, b"")
         with self._lock:
             # All that is still known of the run: the image begins with its first position, whenever somebody comes.
-            self._waiting, self._bytes = deque(self._past), self._past_bytes
+            self._waiting = deque((*self._past, *self._past_frames))
+            self._bytes = sum(map(_size, self._waiting))
 
     def _again(self, error: Exception) -> bool:
         """After the live process has gone: whether it is to be started once more."""

@@ -37,6 +37,8 @@ DOPPLER_EVERY_S = 0.2
 OVERSAMPLING = 4
 WATERFALL_ROWS = 1024
 """Sweeps that a waterfall's ring keeps: 40 s at 25 sweeps a second."""
+WORDS = 600
+"""Characters of a sentence, at most."""
 FLOOR = 1e-9
 FULL_DB = "dB of full scale"
 UNKNOWN = "unknown"
@@ -68,10 +70,12 @@ class Listener:
         rig: the rig.
         board: where they go.
         max_range_m: end of the range axis, where the sample rate allows it.
+        continuous_wave: whether the ramp is switched off: there is no sync to look for, and there are no ranges.
     """
 
-    def __init__(self, rig: Rig, board: Board, *, max_range_m: float = 60.0) -> None:
+    def __init__(self, rig: Rig, board: Board, *, max_range_m: float = 60.0, continuous_wave: bool = False) -> None:
         self._rig, self._board, self._max_range_m = rig, board, max_range_m
+        self._continuous_wave = continuous_wave
         self._pieces: deque[Piece] = deque()
         self._kept = 0
         self._routes: deque[tuple[int, str]] = deque([(0, UNKNOWN)], maxlen=64)
@@ -110,7 +114,7 @@ class Listener:
         period = self._rig.waveform.sweep_period_s * newest.rate_hz
         window = self._last(round(WINDOW_SWEEPS * period))
         sync: Sync | None = None
-        if len(window.samples) >= 3 * period:
+        if len(window.samples) >= 3 * period and not self._continuous_wave:
             try:
                 sync = self._sync(window)
                 self._trouble = "", ""
@@ -158,7 +162,7 @@ class Listener:
     def _judge(self, now_ns: int) -> None:
         rate = self._pieces[-1].rate_hz
         # A shorter piece cannot tell mains hum from the sweeps.
-        enough = self._kept >= 0.9 * JUDGE_S * rate
+        enough = self._kept >= 0.9 * JUDGE_S * rate and not self._continuous_wave
         if enough and not 0 <= now_ns - self._judged_ns < JUDGE_EVERY_S * 1e9:
             self._judged_ns = now_ns
             piece = self._last(round(JUDGE_S * rate))
@@ -185,8 +189,8 @@ class Listener:
                 "period_s": 0.0 if sync is None else sync.period_s,
                 "channel": self._routes[-1][1],
                 "light": light,
-                "what": what,
-                "mend": mend,
+                "what": what[:WORDS],
+                "mend": mend[:WORDS],
             },
             slots=64,
         )

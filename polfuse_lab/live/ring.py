@@ -93,7 +93,7 @@ class RingWriter:
             if hasattr(os, "posix_fallocate"):
                 os.posix_fallocate(handle, 0, size)
             else:
-                os.write(handle, bytes(size))
+                os.truncate(handle, size)
             self._memory = mmap.mmap(handle, size)
         except BaseException:
             fresh.unlink(missing_ok=True)
@@ -155,6 +155,26 @@ class RingWriter:
             self._memory.close()
 
 
+def ring_path(folder: Path, stream: str, generation: int) -> Path:
+    """File of a stream's ring. A ring that takes another's place has a new name: the old file may still be in use."""
+    return folder / f"{stream}~{generation}{SUFFIX}"
+
+
+def generations(folder: Path, stream: str | None = None) -> dict[str, int]:
+    """The newest generation of each stream in a folder, or of one of them."""
+    found: dict[str, int] = {}
+    try:
+        names = os.listdir(folder)
+    except OSError:
+        return found
+    for name in names:
+        known, mark, rest = name.partition("~")
+        number, dot, after = rest.partition(".")
+        if mark and f"{dot}{after}" == SUFFIX and number.isdigit() and stream in (None, known):
+            found[known] = max(found.get(known, 0), int(number))
+    return found
+
+
 def supersede(path: Path) -> int:
     """Tell readers of a ring whose writer has died that another will take its place; the number of its newest item."""
     try:
@@ -183,7 +203,7 @@ class RingReader:
         if not whole or size != _HEAD + self.slots * self._slot_bytes:
             self.close()
             raise ValueError(f"{path} is no ring of this version")
-        self._stream = path.name.removesuffix(SUFFIX)
+        self._stream = path.name.partition("~")[0]
 
     @property
     def newest_number(self) -> int:

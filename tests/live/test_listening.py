@@ -163,3 +163,16 @@ def test_a_stream_that_begins_anew_is_not_joined_to_the_old_one(listener):
     axis = view.newest("profile.HH").arrays["range_m"]
     for row in rows:
         assert axis[np.argmax(row.arrays["level_db"])] == pytest.approx(30.0, abs=0.25)
+
+
+def test_without_a_ramp_there_are_levels_and_no_complaint(tmp_path):
+    board = Board(tmp_path)
+    samples = beat(20.0, 0.25, sweeps=60)
+    samples[:, 1] = 0  # in CW the sync may be silent
+    hear(Listener(rig(), board, continuous_wave=True), samples)
+    with LiveView(tmp_path) as view:
+        levels = view.newest("levels").values
+        assert levels["light"] == "ok"
+        assert levels["beat_peak"] == pytest.approx(0.25, abs=0.01)
+        assert view.streams() == ("levels", "scope")
+    board.close()

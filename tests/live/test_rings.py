@@ -164,7 +164,7 @@ def test_what_is_no_ring_is_refused(tmp_path):
         with pytest.raises(ValueError, match="no ring"):
             RingReader(path)
     (tmp_path / "live").mkdir()
-    path.rename(tmp_path / "live" / "a.ring")
+    path.rename(tmp_path / "live" / "a~1.ring")
     with LiveView(tmp_path) as view:
         assert view.newest("a") is None
 
