@@ -18,8 +18,26 @@ from processing.optics.mosaic import parse_mosaic
 from processing.optics.mosaic_stokes import mosaic_stokes
 from processing.optics.series import PolarizerSeries, SensorNoise
 from processing.optics.stokes import stokes_planes
+from processing.polarimetry.averaging import window_average
+from processing.polarimetry.coherent import cameron
+from processing.polarimetry.detection.cfar import Ring, cfar, ring_average
+from processing.polarimetry.freeman import freeman_durden
+from processing.polarimetry.h_a_alpha import h_a_alpha
+from processing.polarimetry.matrices import planes_of_vector
+from processing.polarimetry.speckle.nonlocal_means import nonlocal_means
+from processing.polarimetry.speckle.refined_lee import refined_lee
+from processing.polarimetry.touzi import touzi
+from processing.polarimetry.wishart import wishart_classify
+from processing.polarimetry.yamaguchi import yamaguchi
 from processing.radar.profiles import RangeProfiles
 from processing.radar.ridges import best_path
+from processing.raytrace.backward import backward
+from processing.raytrace.forward import forward
+from processing.raytrace.materials import Fresnel
+from processing.raytrace.shapes import dihedral
+from processing.raytrace.sources import Sun
+from processing.raytrace.view import View
+from processing.raytrace.world import world
 from processing.sar.backprojection import backproject
 from processing.sar.factorized import factorized
 from processing.sar.grid import ImageGrid
@@ -62,6 +80,30 @@ def warm_up() -> None:
     physical_optics_scattering(plate_facets(0.2, 0.2), Antennas.at([[3.0, 0.0, 0.0]]), 0.125)
     kmeans(np.arange(24.0).reshape(8, 3), 2)
     best_path(np.ones((4, 8)), np.array([-1.0, 0.0, 1.0]))
+
+    mirrors = world(dihedral(1.0), [Fresnel(1.5, 0.2)], [Sun((0.0, 1.0, 1.0))])
+    view = View((0.0, 3.0, 3.0), (0.0, 0.5, 0.5), 4, 4, 0.3)
+    backward(mirrors, view, samples=1)
+    forward(mirrors, view, rays=2)
+
+    _polarimetry()
+
+
+def _polarimetry() -> None:
+    """Decompositions, filters and detectors, on float32 planes as products files have them."""
+    rng = np.random.default_rng(0)
+    k = rng.normal(size=(3, 24, 24)) + 1j * rng.normal(size=(3, 24, 24))
+    planes = window_average(planes_of_vector(k.astype(np.complex64)), 3)
+    for decomposition in (freeman_durden, h_a_alpha, touzi, yamaguchi):
+        decomposition(planes)
+    cameron(np.ones((4, 4, 4), dtype=np.complex64))
+    refined_lee(planes, looks=4.0)
+    nonlocal_means(planes, looks=4, search=5)
+    wishart_classify(planes, np.ones((24, 24), dtype=np.uint8), iterations=1)
+    ring = Ring(9, 3)
+    ring_average(planes, ring)
+    cfar(planes[0], false_alarm=1e-2, looks=4.0, ring=ring)
+    cfar(planes[0], false_alarm=1e-2, looks=4.0, ring=ring, kind="os")
 
 
 if __name__ == "__main__":

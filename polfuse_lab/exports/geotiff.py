@@ -40,10 +40,11 @@ def run(request: Request) -> Exported:
         "flat_ground_error_m": f"{flat_error_m(layer):.3g}",
         "heading_deg": f"{placement.site.heading_deg!r}",
     }
+    fresh = request.output.with_name(f"{request.output.name}.new")
     try:
         request.output.parent.mkdir(parents=True, exist_ok=True)
         with warnings.catch_warnings(), rasterio.open(
-            request.output, "w", driver="GTiff", height=layer.shape[0], width=layer.shape[1], count=len(values),
+            fresh, "w", driver="GTiff", height=layer.shape[0], width=layer.shape[1], count=len(values),
             dtype=values.dtype.name, crs=f"EPSG:{grid.epsg}", transform=rasterio.Affine(*grid.transform),
             compress="deflate", nodata=None if values.dtype == np.uint8 else float("nan"),
             **({"photometric": "RGB"} if values.dtype == np.uint8 else {}),
@@ -52,11 +53,14 @@ def run(request: Request) -> Exported:
             file.update_tags(**told)
             for number, name in enumerate(layer.bands, 1):
                 file.set_band_description(number, name)
+        fresh.replace(request.output)
     except OSError as error:
         raise unwritable(request.output, error) from error
     except rasterio.errors.RasterioError as error:
         raise PolfuseError(
             f"cannot be written ({error})", where=str(request.output), advice="check the folder and the disk's space"
         ) from error
+    finally:
+        fresh.unlink(missing_ok=True)
     values_told = {"epsg": grid.epsg, "map_error_m": grid.error_m, "flat_ground_error_m": flat_error_m(layer)}
     return Exported((request.output,), layer.name, values_told)

@@ -177,8 +177,9 @@ def decompose(
         raise PolfuseError(
             f"there is no filter {speckle_filter!r}", where="decompose", advice=f"choose from {', '.join(FILTERS)}"
         )
-    default = known.window if speckle_filter in (None, "boxcar") else FILTERS[str(speckle_filter)]
-    width = known.window if known.coherent or method == "signature" else default
+    width = known.window
+    if speckle_filter is not None and (speckle_filter != "boxcar" or width == 1):
+        width = FILTERS[speckle_filter]
     width = width if window is None else window
     if (known.coherent or method == "signature") and (width != 1 or speckle_filter is not None):
         raise PolfuseError(

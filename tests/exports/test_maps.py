@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from export_stand import CHANNELS, products_file, rig_file
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 from typer.testing import CliRunner
@@ -37,6 +37,7 @@ def made(tmp_path: Path, to: str, output: str, layer: str | None = None, heading
 
 
 @given(st.floats(-90, 90), st.floats(-180, 180), st.floats(-1000, 100_000))
+@settings(deadline=None)
 def test_geodetic_and_back(latitude: float, longitude: float, height: float) -> None:
     found = geodetic_of_ecef(ecef_of_geodetic(latitude, longitude, height))
     # A nanometre is 1e-14 degrees of latitude; doubles of 6e6 m hold 1e-9 m: 2e-14 degrees, eight of them.

@@ -22,6 +22,10 @@ _SIDES = ((1, 2, 1, 0), (0, 2, 2, 0), (0, 1, 2, 1), (0, 0, 2, 2))
 """Row and column of the sub-windows at both ends of the gradients: across, up the diagonal, along, down it."""
 
 
+_BAND = 16
+"""Rows that one thread takes at a time."""
+
+
 def refined_lee(planes: Planes, window: int = 7, *, looks: float) -> Planes:
     """T or C planes (9, rows, columns) with less speckle and kept edges; compiled.
 
@@ -159,49 +163,65 @@ def _image(
     planes: NDArray[Any], span: NDArray[np.float64], defined: NDArray[np.bool_], means: NDArray[np.float64],
     shift: int, first: NDArray[np.int64], last: NDArray[np.int64], noise: float, made: NDArray[Any],
 ) -> None:  # fmt: skip
-    for row in prange(planes.shape[1]):
-        _row(planes, span, defined, means, shift, first, last, noise, made, row)
+    for band in prange(-(-planes.shape[1] // _BAND)):
+        _rows(planes, span, defined, means, shift, first, last, noise, made, band * _BAND)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _row(
+def _rows(
     planes: NDArray[Any], span: NDArray[np.float64], defined: NDArray[np.bool_], means: NDArray[np.float64],
-    shift: int, first: NDArray[np.int64], last: NDArray[np.int64], noise: float, made: NDArray[Any], row: int,
+    shift: int, first: NDArray[np.int64], last: NDArray[np.int64], noise: float, made: NDArray[Any], begin: int,
 ) -> None:  # fmt: skip
-    count, rows, columns = planes.shape
+    _, rows, columns = planes.shape
     reach = first.shape[1] // 2
-    sums = np.empty(count)
-    for column in range(columns):
-        if not defined[row, column]:
-            for plane in range(count):
-                made[plane, row, column] = np.nan
-            continue
-        half = _half(means, shift, row, column)
-        above, below = max(row - reach, 0), min(row + reach, rows - 1)
-        total, number = 0.0, 0
-        for r in range(above, below + 1):
-            line = r - row + reach
-            for c in range(max(column + first[half, line], 0), min(column + last[half, line], columns - 1) + 1):
-                total += span[r, c]
-                number += 1 if defined[r, c] else 0
-        mean = total / number
-        square = 0.0
-        sums[:] = 0.0
-        for r in range(above, below + 1):
-            line = r - row + reach
-            begin, end = max(column + first[half, line], 0), min(column + last[half, line], columns - 1) + 1
-            for c in range(begin, end):
-                if defined[r, c]:
-                    square += (span[r, c] - mean) ** 2
-                    for plane in range(count):
-                        sums[plane] += planes[plane, r, c]
-        relative = square / number / (mean * mean)
-        weight = 0.0
-        if mean > 0.0 and relative > noise:
-            weight = min((relative - noise) / (relative * (1.0 + noise)), 1.0)
-        for plane in range(count):
-            average = sums[plane] / number
-            made[plane, row, column] = average + weight * (planes[plane, row, column] - average)
+    end = min(begin + _BAND, rows)
+    lowest, highest = max(begin - reach, 0), min(end + reach, rows)
+    # The planes of one pixel side by side, zero where it is undefined; the tenth tells that it is defined.
+    near = np.zeros((highest - lowest, columns, 10))
+    for r in range(lowest, highest):
+        for plane in range(9):
+            for c in range(columns):
+                near[r - lowest, c, plane] = planes[plane, r, c] if defined[r, c] else 0.0
+        for c in range(columns):
+            near[r - lowest, c, 9] = 1.0 if defined[r, c] else 0.0
+    sums = np.empty(10)
+    for row in range(begin, end):
+        for column in range(columns):
+            if not defined[row, column]:
+                for plane in range(9):
+                    made[plane, row, column] = np.nan
+                continue
+            half = _half(means, shift, row, column)
+            above, below = max(row - reach, 0), min(row + reach, rows - 1)
+            a0 = a1 = a2 = a3 = a4 = a5 = a6 = a7 = a8 = a9 = 0.0
+            for r in range(above, below + 1):
+                line, at = r - row + reach, r - lowest
+                for c in range(max(column + first[half, line], 0), min(column + last[half, line], columns - 1) + 1):
+                    a0 += near[at, c, 0]
+                    a1 += near[at, c, 1]
+                    a2 += near[at, c, 2]
+                    a3 += near[at, c, 3]
+                    a4 += near[at, c, 4]
+                    a5 += near[at, c, 5]
+                    a6 += near[at, c, 6]
+                    a7 += near[at, c, 7]
+                    a8 += near[at, c, 8]
+                    a9 += near[at, c, 9]
+            sums[0], sums[1], sums[2], sums[3], sums[4] = a0, a1, a2, a3, a4
+            sums[5], sums[6], sums[7], sums[8], sums[9] = a5, a6, a7, a8, a9
+            mean = (a0 + a5 + a8) / a9
+            square = 0.0
+            for r in range(above, below + 1):
+                line, at = r - row + reach, r - lowest
+                for c in range(max(column + first[half, line], 0), min(column + last[half, line], columns - 1) + 1):
+                    square += near[at, c, 9] * (span[r, c] - mean) ** 2
+            relative = square / a9 / (mean * mean)
+            weight = 0.0
+            if mean > 0.0 and relative > noise:
+                weight = min((relative - noise) / (relative * (1.0 + noise)), 1.0)
+            for plane in range(9):
+                average = sums[plane] / a9
+                made[plane, row, column] = average + weight * (planes[plane, row, column] - average)
 
 
 @njit(cache=True, nogil=True)
