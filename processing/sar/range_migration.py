@@ -107,6 +107,8 @@ def _lines(task: Task, plan: MigrationPlan, taps: Filter, channel: int) -> NDArr
     np.multiply(values[:, :middle], correction[:middle], out=padded[:, length - middle :], casting="same_kind")
     in_k = scipy.fft.fft(padded, axis=1, overwrite_x=True, workers=workers)
     band = np.concatenate([in_k[:, length - plan.half_band :], in_k[:, : plan.half_band + 1]], axis=1).T.copy()
+    # What is done with goes at once: these arrays are as large as the image.
+    del padded, in_k
 
     place = task.track.x_m - task.track.middle_m
     samples = plan.track_length
@@ -114,18 +116,21 @@ def _lines(task: Task, plan: MigrationPlan, taps: Filter, channel: int) -> NDArr
     turned = np.exp(-1j * plan.mapping.along[plan.middle_line] * place) * task.pulses.weights[channel]
     spread = np.empty((len(band), samples), dtype=np.complex64)
     spread_track(band, first, (weights * turned[:, None]).astype(np.complex64), spread)
+    del band
     both = scipy.fft.fft(spread, axis=1, overwrite_x=True, workers=workers)
     before = plan.middle_line
     spectrum = np.concatenate([both[:, samples - before :], both[:, : plan.lines - before]], axis=1)
     del spread, both
 
     mapped = stolt(spectrum, plan.mapping, taps)
+    del spectrum
     count, samples = plan.mapping.across_count, plan.row_length
     before = count // 2
     undone = (1 / ROW_KERNEL.response((np.arange(count) - before) / samples)).astype(np.float32)[:, None]
     fine = np.zeros((samples, plan.lines), dtype=np.complex64)
     np.multiply(mapped[before:], undone[before:], out=fine[: count - before])
     np.multiply(mapped[:before], undone[:before], out=fine[samples - before :])
+    del mapped
     lines: NDArray[np.complex64] = scipy.fft.ifft(fine, axis=0, norm="forward", overwrite_x=True, workers=workers)
     return lines
 
