@@ -14,6 +14,9 @@ from processing.raytrace.picture import Picture
 
 Floats = NDArray[np.float64]
 
+LEAST = 1e-3
+"""Narrowest scale of fractions: rounding errors and noise are not stretched into patterns."""
+
 
 def draw(picture: Picture, folder: Path, name: str, title: str) -> tuple[Path, ...]:
     """All figures of a picture, as ``<name>_stokes.png`` and, for Mueller pictures, ``<name>_active.png``."""
@@ -37,13 +40,13 @@ def stokes_figure(picture: Picture, title: str) -> Figure:
     style.panel(axes[0, 0], "S0")
     with np.errstate(divide="ignore", invalid="ignore"):
         fractions = [np.where(dark, np.nan, stokes[..., i] / s0) for i in (1, 2)]
-    span = max(_top(np.abs(fraction)) for fraction in fractions)
+    span = max(LEAST, *(_top(np.abs(fraction)) for fraction in fractions))
     for axis, fraction, label in zip(axes[0, 1:], fractions, ("S1", "S2"), strict=True):
         shown = style.image(axis, fraction, low=-span, high=span, colours=style.DIVERGING)
         style.colour_bar(shown, axis, f"{label} / S0", extend="both")
     style.panel(axes[0, 1], "S1: horizontal (+), vertical (−)")
     style.panel(axes[0, 2], "S2: +45° (+), −45° (−)")
-    shown = style.image(axes[1, 0], picture.dolp, low=0.0, high=_top(picture.dolp), colours=style.FRACTION)
+    shown = style.image(axes[1, 0], picture.dolp, low=0.0, high=max(LEAST, _top(picture.dolp)), colours=style.FRACTION)
     style.colour_bar(shown, axes[1, 0], "DOLP", extend="max")
     style.panel(axes[1, 0], "Degree of linear polarization")
     shown = style.image(axes[1, 1], np.degrees(picture.aop), low=-90.0, high=90.0, colours=style.CYCLIC)
@@ -61,8 +64,11 @@ def stokes_figure(picture: Picture, title: str) -> Figure:
 
 
 def composite(stokes: Floats) -> Floats:
-    """R, G, B = S1, S0, S2 (rows, columns, 3) of thesis Fig. 7.7: each from its 0.2nd to its 99.8th percentile."""
-    return np.stack([_stretched(stokes[..., i]) for i in (1, 0, 2)], axis=-1)
+    """R, G, B = S1, S0, S2 (rows, columns, 3) of thesis Fig. 7.7; zero is half way for S1 and S2, dark for S0."""
+    s0, s1, s2 = (stokes[..., i] for i in range(3))
+    level = _top(s0)
+    span = max(LEAST * level, _top(np.abs(s1)), _top(np.abs(s2)))
+    return np.clip(np.stack([0.5 + s1 / (2 * span), s0 / level, 0.5 + s2 / (2 * span)], axis=-1), 0, 1)
 
 
 def active_figure(picture: Picture, title: str) -> Figure:
@@ -85,20 +91,15 @@ def active_figure(picture: Picture, title: str) -> Figure:
     style.panel(axes[0, 2], "R, G, B = |HH−VV|, HV, HH+VV")
     level = np.where(powers[2] > 0, powers[2], np.nan)
     parts = np.stack([powers[0] / level, powers[1] / level, powers[2] / _top(powers[2])])
-    tops = [max(_top(parts[0]), 1e-3), max(_top(parts[1]), 1e-3), 1.0]
+    tops = [max(_top(parts[0]), LEAST), max(_top(parts[1]), LEAST), 1.0]
     stretched = np.nan_to_num(np.clip(parts / np.reshape(tops, (3, 1, 1)), 0, 1))
     style.image(axes[1, 2], np.moveaxis(stretched, 0, -1))
-    style.panel(axes[1, 2], f"R and G over HH+VV, to {tops[0]:.2g} and {tops[1]:.2g}")
+    style.panel(axes[1, 2], f"R, G over HH+VV (to {tops[0]:.2g}, {tops[1]:.2g})")
     for axis in axes[1]:
         axis.set_xlabel("column")
     for axis in axes[:, 0]:
         axis.set_ylabel("row")
     return figure
-
-
-def _stretched(plane: Floats) -> Floats:
-    low, high = np.percentile(plane, [0.2, 99.8])
-    return np.clip((plane - low) / (high - low), 0, 1) if high > low else np.zeros_like(plane)
 
 
 def _top(plane: Floats) -> float:

@@ -62,10 +62,11 @@ class Picture:
 
     @property
     def aop(self) -> Floats:
-        """Angle of polarization (rows, columns), rad; NaN where polarization is within 2 standard errors of none."""
+        """Angle of polarization (rows, columns), rad; NaN within 2 standard errors (or rounding) of no polarization."""
         stokes = self.stokes
         error = self.standard_error[..., 0] if self.is_mueller else self.standard_error
-        sure = np.hypot(stokes[..., 1], stokes[..., 2]) > 2 * np.hypot(error[..., 1], error[..., 2])
+        noise = np.maximum(2 * np.hypot(error[..., 1], error[..., 2]), 1e-12 * np.abs(stokes[..., 0]))
+        sure = np.hypot(stokes[..., 1], stokes[..., 2]) > noise
         return np.where(sure, stokes_vectors.aop(stokes), np.nan)
 
     @property
