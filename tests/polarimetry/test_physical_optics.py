@@ -57,7 +57,7 @@ def test_plate_at_long_range_is_the_closed_form(angles: tuple[float, float]) -> 
 @pytest.mark.parametrize("angles", [(45, 35.264), (40, 17), (10, 30), (30, 60), (45, 5), (5, 5)])
 @pytest.mark.parametrize("triangular", [False, True])
 def test_three_bounces_at_long_range_are_the_closed_form(angles: tuple[float, float], triangular: bool) -> None:
-    # Thesis 5.5 and Doerry 2014: effective apertures of square and triangular trihedrals. Bound of the issue: 0.3 dB;
+    # Thesis 5.5 and Doerry 2014: effective apertures of square and triangular trihedrals. Bound: 0.3 dB;
     # what is left is the wave's curvature.
     amplitude = rcs.triangular_trihedral_amplitude if triangular else rcs.square_trihedral_amplitude
     expected = float(amplitude(EDGE, deg(angles[0]), deg(angles[1]), WAVELENGTH))
