@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +13,18 @@ from processing.calibration.budget import Budget, Cause, uncertainty_budget
 from processing.calibration.distortion import CHANNELS, Complexes, Distortion, channel_values
 from processing.calibration.imbalance import imbalance
 from processing.calibration.rcs import to_dbsm
+from processing.calibration.target_checks import check_different
 from processing.calibration.target_fit import Parameters, TargetFit, fit_targets, refine, turned
+from processing.calibration.whitt import contrast
 from processing.errors import DataError
 
 Floats = NDArray[np.float64]
 
 WORST_RESIDUAL_DB = -14.0
 """Largest part of a target's channels that the fit may leave unexplained: a fold that is off by 6 degrees."""
+
+STATED_CONTRAST = 0.5
+"""From which two targets are stated to be of different kind (see :func:`processing.calibration.whitt.contrast`)."""
 
 DRAW_STEPS = 4
 """Gauss-Newton steps of each draw, from the solution as measured."""
@@ -121,6 +127,9 @@ def calibrate_targets(
     values = np.stack([np.asarray(target.values, dtype=np.complex128) for target in targets])
     shapes = np.stack([target.expected / np.linalg.norm(target.expected) for target in targets])
     turn = np.array([target.turn_sd_rad for target in targets])
+    for one, other in combinations(range(len(targets)), 2):
+        if contrast(shapes[one], shapes[other]) > STATED_CONTRAST:
+            check_different((targets[one].name, targets[other].name), values[one], values[other])
     # Phase noise of a channel is noise of its quadrature.
     noise = np.stack([target.noise for target in targets]) + phase_sd_rad**2 * np.abs(values) ** 2
     fit = fit_targets(values, noise, shapes, turn)

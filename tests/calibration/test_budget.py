@@ -147,6 +147,9 @@ def test_targets_that_do_not_fit_together_are_refused() -> None:
     wrong = dataclasses.replace(wrong, expected=targets[2].expected)
     with pytest.raises(DataError, match=r"do not fit together: .* of dihedral"):
         calibrate_targets([targets[0], targets[1], wrong])
+    twice = dataclasses.replace(targets[1], values=2j * targets[0].values)
+    with pytest.raises(DataError, match="trihedral and dihedral look alike"):
+        calibrate_targets([targets[0], twice, targets[2]])
     with pytest.raises(DataError, match="no target 5"):
         calibrate_targets(targets, reference=5)
     dead = MeasuredTarget("trihedral", np.array([1, 0, 0, 0j]), np.full(4, 1e-6), np.eye(2))

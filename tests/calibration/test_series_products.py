@@ -129,7 +129,7 @@ def test_a_target_in_the_scene_gives_constant_and_phases(folder: Path, tmp_path:
         ({"turned": lambda r: dataclasses.replace(r, fold_rad=np.pi / 2)}, "fold stands . degrees .* instead of 45"),
         ({"corner": lambda r: upright(r, fold_rad=0.7)}, "cross-polarized return is"),
         ({"turned": lambda r: dataclasses.replace(r, edge_m=0.35)}, "turned is refused: its RCS is"),
-        ({"corner": lambda r: upright(r)}, "look alike"),
+        ({"corner": lambda r: upright(r)}, "corner and upright look alike"),
     ],
 )
 def test_bad_targets_are_refused_with_the_reason(products: Path, tmp_path: Path, change, reason: str) -> None:
