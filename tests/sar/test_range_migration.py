@@ -151,12 +151,13 @@ def test_one_pixel_and_one_row_are_images_too():
 
 
 @pytest.mark.parametrize("pattern", [{}, PATTERN])
-def test_fast_image_follows_the_float64_reference(profiles, pattern):
+def test_fast_image_follows_the_float64_reference(pattern):
     # Kernels of six taps at 1.5 times the terms: -94 dB each (Fessler and Sutton's bound), three of them, and a table.
-    grid = ground([-2.0, 0.3, 1.0, 1.1, 2.5], np.arange(7.0, 14.0, 0.9))
-    small = replace(profiles, values=np.concatenate([profiles.values, 0.5j * profiles.values])[:, ::2],
-                    antenna_m=profiles.antenna_m[::2], channels=("HH", "HV"))  # fmt: skip
-    weights = aperture_window("taylor", 31)
+    # Few positions and bins: direct sums take their time.
+    grid = ground([-1.0, 0.3, 0.4, 1.0], np.arange(8.0, 11.0, 0.7))
+    data = Frequencies(TARGETS, rail()[::4]).profiles(4)
+    small = replace(data, values=np.concatenate([data.values, 0.5j * data.values]), channels=("HH", "HV"))
+    weights = aperture_window("taylor", 16)
     plain = range_migration_reference(small, grid, weights=weights, **pattern)
     fast = range_migration(small, grid, weights=weights, **pattern)
     assert relative_db(fast, plain) < -85
