@@ -19,7 +19,7 @@ from polfuse_lab.engine.children import start_child
 from polfuse_lab.records import Exposure, Record, Sweeps
 from polfuse_lab.session import wire
 
-TICK_S = 0.03
+TICK_S = 0.04
 """The radar is overheard so often."""
 REACH_S = 0.25
 """Longest pause of this thread that loses no audio for display, s."""

@@ -5,6 +5,7 @@ Everything is worked out from the newest sweeps alone, so it costs the same howe
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import deque
 from dataclasses import dataclass, replace
@@ -25,7 +26,7 @@ from processing.radar.sync import Sync, find_sync
 JUDGE_S = 2.0
 """Length of the piece by which the signal's health is judged, s: enough to tell mains hum from the sweeps."""
 JUDGE_EVERY_S = 1.0
-WINDOW_SWEEPS = 4.5
+WINDOW_SWEEPS = 3.6
 """Sweeps in which the sync is measured: enough for whole ramps whatever the phase."""
 SHOWN_SWEEPS = 2
 """Sweeps in a strip."""
@@ -71,11 +72,21 @@ class Listener:
         board: where they go.
         max_range_m: end of the range axis, where the sample rate allows it.
         continuous_wave: whether the ramp is switched off: there is no sync to look for, and there are no ranges.
+        judge_apart: whether the signal is judged in a thread of its own, which takes a tenth of a second at 192 kHz.
     """
 
-    def __init__(self, rig: Rig, board: Board, *, max_range_m: float = 60.0, continuous_wave: bool = False) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        board: Board,
+        *,
+        max_range_m: float = 60.0,
+        continuous_wave: bool = False,
+        judge_apart: bool = False,
+    ) -> None:
         self._rig, self._board, self._max_range_m = rig, board, max_range_m
-        self._continuous_wave = continuous_wave
+        self._continuous_wave, self._judge_apart = continuous_wave, judge_apart
+        self._judging: threading.Thread | None = None
         self._pieces: deque[Piece] = deque()
         self._kept = 0
         self._routes: deque[tuple[int, str]] = deque([(0, UNKNOWN)], maxlen=64)
@@ -166,7 +177,14 @@ class Listener:
         if enough and not 0 <= now_ns - self._judged_ns < JUDGE_EVERY_S * 1e9:
             self._judged_ns = now_ns
             piece = self._last(round(JUDGE_S * rate))
-            self._health = signal_health(self._rig, piece.samples, piece.rate_hz)
+            if not self._judge_apart:
+                self._examine(piece)
+            elif self._judging is None or not self._judging.is_alive():
+                self._judging = threading.Thread(target=self._examine, args=(piece,), name="live judge", daemon=True)
+                self._judging.start()
+
+    def _examine(self, piece: Piece) -> None:
+        self._health = signal_health(self._rig, piece.samples, piece.rate_hz)
 
     def _tell_levels(self, window: Piece, sync: Sync | None) -> None:
         values = fractions(window.samples[-round(0.1 * window.rate_hz) :])

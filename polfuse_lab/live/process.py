@@ -64,7 +64,8 @@ class LiveProcess:
         self.board = Board(directory)
         self.counts = Counts()
         self._rig, self._plan = rig, plan
-        self._listener = Listener(rig, self.board, continuous_wave=plan is not None and plan.continuous_wave)
+        wave = plan is not None and plan.continuous_wave
+        self._listener = Listener(rig, self.board, continuous_wave=wave, judge_apart=True)
         self._tapped = False
         """Whether audio comes as it arrives; records are not listened to then."""
         self._audio: deque[Any] = deque()
