@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +34,7 @@ def read_mesh(path: Path | str) -> Triangles:
             advice="pip install 'polfuse-lab[raytrace]'",
         ) from error
     try:
-        loaded = trimesh.load(path, force="mesh", process=False)
+        loaded: Any = trimesh.load(path, force="mesh", process=False)
         return Triangles(np.asarray(loaded.vertices, dtype=np.float64), np.asarray(loaded.faces, dtype=np.int64))
     except DataError as error:
         raise PolfuseError(error.what, where=str(path), advice=error.advice) from error

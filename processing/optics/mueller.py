@@ -108,7 +108,7 @@ def depolarization_index(matrix: ArrayLike) -> Floats:
     total = np.sum(m * m, axis=(-2, -1))
     with np.errstate(divide="ignore", invalid="ignore"):
         inside = (total - m[..., 0, 0] ** 2) / (3 * m[..., 0, 0] ** 2)
-    return np.sqrt(np.maximum(inside, 0.0))
+    return np.asarray(np.sqrt(np.maximum(inside, 0.0)))
 
 
 def diattenuation(matrix: ArrayLike) -> Floats:

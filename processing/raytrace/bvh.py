@@ -107,7 +107,7 @@ def _outwards(boxes: Floats) -> NDArray[np.float32]:
 @numba.njit(cache=True, nogil=True)
 def _half_area(box: Floats) -> float:
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
-    return x * y + y * z + z * x
+    return float(x * y + y * z + z * x)
 
 
 @numba.njit(cache=True, nogil=True)

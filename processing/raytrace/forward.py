@@ -74,7 +74,8 @@ def lit_points(world: World, source: int, rays: int, seed: int = 0) -> Floats:
     """Where rays of a source first meet the scene, (N, 3) with N at most ``rays`` (thesis Fig. 4.6)."""
     keys = path_keys(seed, np.full(rays, source), np.arange(rays))
     numbers = np.stack([uniforms(keys, place) for place in range(4)], axis=1)
-    sent = np.array([set_out(world.sources[source], *world.centre, world.radius, *four) for four in numbers])
+    row, (x, y, z), radius = world.sources[source], world.centre, world.radius
+    sent = np.array([set_out(row, x, y, z, radius, a, b, c, d) for a, b, c, d in numbers])
     origin, direction = sent[:, :3], sent[:, 3:6]
     hits = world.tree.closest(origin, direction)
     met = hits.triangle >= 0

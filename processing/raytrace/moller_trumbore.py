@@ -45,7 +45,7 @@ def intersect(origin: ArrayLike, direction: ArrayLike, corners: ArrayLike) -> tu
     with np.errstate(divide="ignore", invalid="ignore"):
         determinant = np.sum(p * e1, axis=-1)
         inverse = np.where(determinant != 0, 1 / determinant, np.nan)
-        return tuple(inverse * np.sum(a * b, axis=-1) for a, b in ((q, e2), (p, t), (q, d)))  # type: ignore[return-value]
+        return tuple(inverse * np.sum(a * b, axis=-1) for a, b in ((q, e2), (p, t), (q, d)))
 
 
 def closest(

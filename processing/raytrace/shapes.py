@@ -121,7 +121,7 @@ def turn_about(axis: ArrayLike, angle_rad: float) -> Floats:
     a = np.asarray(axis, dtype=np.float64)
     x, y, z = a / np.linalg.norm(a)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + math.sin(angle_rad) * cross + (1 - math.cos(angle_rad)) * cross @ cross
+    return np.asarray(np.eye(3) + math.sin(angle_rad) * cross + (1 - math.cos(angle_rad)) * cross @ cross)
 
 
 def _grid_faces(rows: int, columns: int) -> NDArray[np.int64]:

@@ -42,7 +42,7 @@ def intensity(row: Floats, kx: float, ky: float, kz: float) -> float:
     """Flux per sr of a lamp in a direction."""
     kind = int(row[KIND])
     if kind == _POINT:
-        return row[STRENGTH]
+        return float(row[STRENGTH])
     ax, ay, az = row[AXIS], row[AXIS + 1], row[AXIS + 2]
     cosine = dot(ax, ay, az, kx, ky, kz)
     if cosine <= 0.0:
@@ -56,7 +56,7 @@ def intensity(row: Floats, kx: float, ky: float, kz: float) -> float:
     else:
         density = math.exp(-0.5 * (p * p + q * q) / (width * width)) / (2.0 * math.pi * width * width)
     # Slopes to solid angle: dp dq = d omega / cos^3.
-    return row[STRENGTH] * density / (cosine * cosine * cosine)
+    return float(row[STRENGTH] * density / (cosine * cosine * cosine))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -86,7 +86,7 @@ def disc_solid_angle(row: Floats) -> float:
 def disc_radiance(row: Floats) -> float:
     """Radiance of the sun's disc: irradiance over its projected solid angle."""
     sine = math.sin(row[SIZE])
-    return row[STRENGTH] / (math.pi * sine * sine)
+    return float(row[STRENGTH] / (math.pi * sine * sine))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
