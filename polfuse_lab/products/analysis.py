@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.analysis_target import NearFieldEffect, near_field_effect, target_pattern
-from polfuse_lab.products.calibration_inputs import SKY_WINDOW_CELLS, is_products, read_focused, sky_noise
-from polfuse_lab.products.store import Products
+from polfuse_lab.products.calibration_inputs import SKY_WINDOW_CELLS, read_focused, sky_noise
+from polfuse_lab.products.store import Products, is_products
 from processing.calibration.noise import noise_floor
 from processing.calibration.pattern_measurement import MeasuredPattern
 from processing.calibration.rcs import to_dbsm

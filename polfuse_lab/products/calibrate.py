@@ -14,7 +14,6 @@ from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.calibration_inputs import (
     FocusedImage,
     TargetSpec,
-    is_products,
     read_focused,
     read_reference,
     sky_noise,
@@ -30,7 +29,7 @@ from polfuse_lab.products.calibration_targets import (
     reference_errors,
 )
 from polfuse_lab.products.calibration_write import write_calibration
-from polfuse_lab.products.store import Products
+from polfuse_lab.products.store import Products, is_products
 from polfuse_lab.session import open_session
 from processing.calibration.budget import Cause, uncertainty_budget
 from processing.calibration.channel_phase import ChannelPhases

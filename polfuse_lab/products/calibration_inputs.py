@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.plans import SeriesTarget
-from polfuse_lab.products.store import SCHEMA, Products
+from polfuse_lab.products.store import Products, is_products
 from processing.calibration.noise import focused_noise, noise_floor
 from processing.errors import DataError
 from processing.radar.antenna import boresight, one_way_gain
@@ -295,14 +295,3 @@ def _sky_profiles(path: Path, settings: Mapping[str, Any]) -> tuple[NDArray[Any]
     with open_session(path) as session:
         profiles = range_profiles(session, range_compensated=True, **same)
     return profiles.values, profiles.range_m, profiles.channels
-
-
-def is_products(path: Path) -> bool:
-    """Whether a file is a products file."""
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            return bool(file.attrs.get("schema") == SCHEMA)
-    except OSError:
-        return False
