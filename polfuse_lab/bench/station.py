@@ -124,9 +124,10 @@ class Station:
 
     def call(self, function: Callable[..., Result], *args: Any, timeout_s: float = 3.0) -> Result:
         """Make one call of the device. Raises :class:`DeviceError`, :class:`Aborted`."""
-        if self.made is None or self.made.identity is None:
+        made = self.made
+        if made is None or made.identity is None:
             raise DeviceRefused("is not open", where=f"{self.kind} ({self.driver})", advice="try it again first")
-        return DeviceSet(self._control, {self.kind: self.made}).call(self.kind, function, *args, timeout_s=timeout_s)
+        return DeviceSet(self._control, {self.kind: made}).call(self.kind, function, *args, timeout_s=timeout_s)
 
     def tell(self, finding: Finding) -> None:
         """Set the light by a finding."""

@@ -31,7 +31,8 @@ class SwitchStation(Station):
 
     def route(self) -> Channel:
         """The channel; HH while that is not known."""
-        return Channel.HH if self.state is None else Channel[self.state.transmit + self.state.receive]
+        state = self.state
+        return Channel.HH if state is None else Channel[state.transmit + state.receive]
 
     def select(self, channel: str) -> None:
         """Switch to a channel."""
@@ -77,7 +78,8 @@ class TrolleyStation(Station):
     @property
     def moving(self) -> bool:
         """Whether it is under way."""
-        return self.fix is not None and (self.fix.moving or self._target_m is not None)
+        fix = self.fix  # the station's thread may forget it meanwhile
+        return fix is not None and (fix.moving or self._target_m is not None)
 
     def move_to(self, x_m: float) -> None:
         """Move to a place; refused beyond the limits."""
@@ -171,7 +173,8 @@ class TurnStation(Station):
     @property
     def moving(self) -> bool:
         """Whether it turns."""
-        return self.fix is not None and self.fix.moving
+        fix = self.fix
+        return fix is not None and fix.moving
 
     def angle(self) -> tuple[float, float, bool]:
         """Angle and its standard deviation (rad), and whether it turns; 0 while that is not known."""

@@ -41,7 +41,8 @@ class CameraStation(Station):
     @property
     def view(self) -> CameraView | None:
         """How it is; None while it is not open."""
-        if self.made is None or self.made.identity is None:
+        made = self.made
+        if made is None or made.identity is None:
             return None
         shortest, longest = self._limits_s or (None, None)
         return CameraView(
