@@ -11,12 +11,11 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from drivers.errors import DeviceError, DeviceLost, DeviceRefused
+from drivers.errors import DeviceLost, DeviceRefused
 from drivers.records import Channel
 from polfuse_lab.bench.protocol import DeviceLight, Light
 from polfuse_lab.doctor.devices import failed, who_answered
 from polfuse_lab.doctor.findings import Finding
-from polfuse_lab.errors import PolfuseError
 from polfuse_lab.live.feed import LiveFeed
 from polfuse_lab.rig import Rig
 from polfuse_lab.scheduler.control import Aborted, Control
@@ -156,13 +155,13 @@ class Station:
                             self._well()
                 except DeviceRefused as error:
                     self.bench.refuse(str(error))
-                except (DeviceError, PolfuseError) as error:
+                except Aborted:
+                    return
+                except Exception as error:  # also a defect of a driver: it can be tried again
                     self._trouble(error)
                     due = time.monotonic() + AGAIN_S
         except Aborted:
             return
-        except Exception as error:  # a defect: the others go on
-            self._trouble(error)
 
     def _commands_until(self, due: float) -> None:
         """Do what is asked until it is time to look. Raises as the commands do."""
