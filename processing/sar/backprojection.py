@@ -34,8 +34,8 @@ ROWS = 256
 """Rows of a grid whose places are in memory at a time, where they cannot be told from its axes."""
 
 SMALL_TURNS = 4e-6
-"""Bound of the phase error, turns, up to which offsets within a patch of pixels may be float32: -92 dB of a pixel at the
-very worst, 20 to 30 dB less as a root mean square. Filters of sixteen taps set it lower."""
+"""Bound of the phase error, turns, up to which offsets within a patch of pixels may be float32: -92 dB of a pixel at
+the very worst, 20 to 30 dB less as a root mean square. Filters of sixteen taps set it lower."""
 
 TABLE_BYTES = 16_000_000
 """Size of the tables that are in memory at a time, at most, unless that were less than one pulse. It sets the blocks in

@@ -3,8 +3,8 @@
 Small parts of the aperture are back-projected exactly onto coarse polar grids, then merged, part by part, onto finer
 ones and at last onto the image (:mod:`processing.sar.factorized_plan`). Interpolation reads eight samples along range
 and eight along the angle, by filters of least error over the grids' bands (:mod:`processing.sar.filter_design`); how
-finely the grids are sampled follows from the tolerance. All geometry and phase is float64, samples are complex64. What it is measured against:
-:func:`processing.sar.backprojection.backproject_reference`.
+finely the grids are sampled follows from the tolerance. All geometry and phase is float64, samples are complex64. What it
+is measured against: :func:`processing.sar.backprojection.backproject_reference`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from processing.sar.factorized_plan import (
 )
 from processing.sar.factorized_settings import settings_for
 from processing.sar.grid import Grid, check_grid
-from processing.sar.patch_sum import COLUMNS, column_table, row_table
+from processing.sar.patch_sum import COLUMNS, ROWS, column_table, row_table
 from processing.sar.paths import channel_groups
 
 DEFAULT_TOLERANCE_DB = -50.0
@@ -143,7 +143,7 @@ def _form(
     image: NDArray[np.complex64],
 ) -> None:
     """Weighted sums of a group's channels at all pixels, put into ``image`` (channels, rows, columns)."""
-    from processing.sar.factorized_kernel import kernels_for
+    from processing.sar.factorized_kernel import form, merge
     from processing.sar.factorized_parts import form_parts
 
     x, y, z = places
@@ -155,9 +155,8 @@ def _form(
         exponent=exponent, z_m=z,
     )  # fmt: skip
     del chosen
-    merge, form = kernels_for(settings.rows)
     filters = (
-        row_table(settings.rows, settings.angle_oversampling).ravel(),
+        row_table(ROWS, settings.angle_oversampling).ravel(),
         column_table(settings.range_oversampling).ravel(),
     )
     for finer, level in itertools.pairwise(levels):

@@ -123,9 +123,7 @@ def _places(level: Level, part: int, z_m: float) -> tuple[NDArray[np.float64], .
     excess = (1 - s**2) * distance**2 - (z_m - level.centre_m[part, 2]) ** 2
     ahead = np.sqrt(np.maximum(excess, 0.0))
     along = s * distance
-    x, y = (
-        level.centre_m[part, k] + along * level.axis[part, k] + ahead * level.ahead[part, k] for k in (0, 1)
-    )
+    x, y = (level.centre_m[part, k] + along * level.axis[part, k] + ahead * level.ahead[part, k] for k in (0, 1))
     return distance, x.ravel(), y.ravel(), excess.ravel()
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from processing.errors import DataError
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
-from processing.sar.patch_sum import COLUMNS
+from processing.sar.patch_sum import COLUMNS, ROWS
 
 BASE_PULSES = 32
 """Pulses of the smallest parts, which are formed exactly."""
@@ -43,8 +43,6 @@ BORDER = 65
 class Settings:
     """What decides error and cost of factorized back-projection."""
 
-    rows: int
-    """Samples along the angle that a value is interpolated from (even); along range there are eight."""
     angle_oversampling: float
     range_oversampling: float
 
@@ -288,7 +286,7 @@ def _sampled(
     settings: Settings,
     children: NDArray[np.int64],
 ) -> Level:
-    reach = np.array([COLUMNS // 2, settings.rows // 2]) + 0.5
+    reach = np.array([COLUMNS // 2, ROWS // 2]) + 0.5
     start = extent[:, :, 0] - reach * step
     shape = np.ceil((extent[:, :, 1] + reach * step - start) / step).astype(np.int64) + 1
     sizes = np.prod(shape, axis=1)

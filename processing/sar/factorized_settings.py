@@ -16,15 +16,15 @@ from processing.sar.factorized_plan import (
 from processing.sar.planner import backprojection_error_db
 
 STAGE_ERROR_DB = {
-    Settings(8, 1.6, 1.8): -60.0,
-    Settings(8, 1.8, 2.0): -69.0,
-    Settings(8, 2.0, 2.2): -76.0,
-    Settings(8, 2.2, 2.4): -83.0,
+    Settings(1.6, 1.8): -60.0,
+    Settings(1.8, 2.0): -69.0,
+    Settings(2.0, 2.2): -76.0,
+    Settings(2.2, 2.4): -83.0,
 }
 """Error that one merging adds, dB, unweighted point targets; cheapest first. The tests measure them again."""
 
 SAMPLES_PER_PIXEL = 1.8
-"""Samples of a level in one pixel of an image with 1.25 pixels a cell, with margins, at oversamplings of 1.6 and 1.8."""
+"""Samples of a level in a pixel of an image with 1.25 pixels a cell, with margins, at oversamplings of 1.6 and 1.8."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,9 @@ from numpy.typing import NDArray
 
 from processing.sar.filter_design import least_squares_weights
 
+ROWS = 8
+"""Rows of a patch from which factorized back-projection interpolates along the angle."""
+
 COLUMNS = 8
 """Complex samples of a row that a sum reads."""
 

@@ -54,7 +54,7 @@ MIGRATION_TYPICAL_DB = (-80.0, -76.0, -68.5, -62.5, -49.0, 0.0)
 MIGRATION_WINDOW_DB = -3.0
 """By how much a window over the ramp lowers it where nothing but spectral leakage is left, up to the first angle."""
 
-FACTORIZED_TYPICAL_DB = {8: -2.5}
+FACTORIZED_TYPICAL_DB = -2.5
 """What is measured of factorized back-projection over the bound that its settings are chosen by, dB, by the taps of its
 interpolation along the angle."""
 
@@ -209,7 +209,7 @@ def choices(task: Task, tolerance_db: float = -50.0, method: str = "auto") -> li
             offered.append(Choice("pfa", "kaiser-bessel", task.polar.error_db, ranging + seconds, "", oversampling))
         if oversampling >= 2:
             chosen = settings_for(tolerance_db, task.pulses, oversampling)
-            error = chosen.predicted_error_db + FACTORIZED_TYPICAL_DB[chosen.settings.rows]
+            error = chosen.predicted_error_db + FACTORIZED_TYPICAL_DB
             seconds = predicted_seconds(chosen, task.pixels, task.pulses, task.channels)
             offered.append(Choice("ffbp", "sinc8", error, ranging + seconds, "", oversampling, tolerance_db))
     return sorted(offered, key=lambda choice: (choice.seconds, choice.predicted_error_db))
