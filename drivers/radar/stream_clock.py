@@ -116,7 +116,7 @@ class StreamClock:
         counted = math.ceil((t_ns - self._reference_ns - self._origin_ns) * 1e-9 * self._rate)
         frame = counted
         for loss in self.losses:
-            # Losses that came later do not shift it; one in the middle of which it would lie leaves the frame behind it.
+            # Losses that came later do not shift it; one in the middle of which it would lie leaves the frame behind.
             if frame < loss.first:
                 break
             frame = max(frame - loss.frames, loss.first)

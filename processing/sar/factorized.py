@@ -3,8 +3,8 @@
 Small parts of the aperture are back-projected exactly onto coarse polar grids, then merged, part by part, onto finer
 ones and at last onto the image (:mod:`processing.sar.factorized_plan`). Interpolation reads eight samples along range
 and eight along the angle, by filters of least error over the grids' bands (:mod:`processing.sar.filter_design`); how
-finely the grids are sampled follows from the tolerance. All geometry and phase is float64, samples are complex64. What it
-is measured against: :func:`processing.sar.backprojection.backproject_reference`.
+finely the grids are sampled follows from the tolerance. All geometry and phase is float64, samples are complex64. It
+is measured against :func:`processing.sar.backprojection.backproject_reference`.
 """
 
 from __future__ import annotations
