@@ -16,7 +16,7 @@ from processing.raytrace.sources import GaussianSource, PlaneSource, PointSource
 from processing.raytrace.view import View
 from processing.raytrace.world import world
 
-DOWN = View((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), 8, 8, 0.02, (0.0, 1.0, 0.0))
+DOWN = View((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), 8, 8, 0.002, (0.0, 1.0, 0.0))
 """At a spot in the middle of a plate, small enough to be even."""
 
 
@@ -41,8 +41,8 @@ def irradiance(source: Source, samples: int) -> tuple[float, float]:
     ],
 )
 def test_irradiance_of_sources_without_extent(source: Source, expected: float) -> None:
-    # 1e-4: the spot's own extent (0.05 m over 2 m, squared).
-    assert irradiance(source, 16)[0] == pytest.approx(expected, rel=2e-3)
+    # The spot is 5 mm to either side: over the Gaussian's 0.5 m, squared, that is 1e-4.
+    assert irradiance(source, 16)[0] == pytest.approx(expected, rel=1e-4)
 
 
 def test_irradiance_of_the_suns_disc_and_the_sky() -> None:
