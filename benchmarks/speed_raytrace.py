@@ -111,13 +111,17 @@ def _first_hits(quick: bool) -> Row:
         numba.set_num_threads(threads)
     ratios = [b / a for a, b in zip(ours, theirs, strict=True)]
     same = float(np.mean(found.triangle == other.triangle))
+    # Near an edge float32 may choose the neighbour, whose plane is met at the same distance.
+    near = float(np.mean(np.isclose(found.distance, other.distance, rtol=1e-5)))
     rate = len(direction) / 1e6
     text = (
         f"{rate / np.median(ours):.2f} million a second, embreex {rate / np.median(theirs):.2f} (to float64), by one "
-        f"thread; the same triangle for {100 * same:.3f} %"
+        f"thread; the same triangle for {100 * same:.3f} %, the same distance to 1e-5 for {100 * near:.3f} %"
     )
     ratio = float(np.median(ratios))
-    return Row("raytrace.first_hits", "embreex", ratio, same > 0.999, "stated", min(ratios), max(ratios), error=text)
+    return Row(
+        "raytrace.first_hits", "embreex", ratio, near > 0.9999, "distances agree", min(ratios), max(ratios), error=text
+    )
 
 
 def _slope(quick: bool) -> Row:
