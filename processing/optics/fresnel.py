@@ -30,7 +30,7 @@ def amplitudes(index: ArrayLike, cosine: ArrayLike) -> tuple[Complexes, Complexe
         DataError: a cosine outside 0 to 1, or an index with a negative part.
     """
     n, c = _checked(index, cosine)
-    root = np.sqrt(n * n - (1 - c * c))
+    root = _inside(n, c)
     with np.errstate(divide="ignore", invalid="ignore"):
         ss = (c - root) / (c + root)
         pp = (n * n * c - root) / (n * n * c + root)
@@ -58,8 +58,7 @@ def film_amplitudes(
     thickness = np.asarray(film_thickness, dtype=np.float64)
     if not np.all(thickness >= 0):
         raise DataError(f"a film is {thickness.min()} wavelengths thick", "give zero or more")
-    sine2 = 1 - c * c
-    in_film, in_medium = np.sqrt(film * film - sine2), np.sqrt(n * n - sine2)
+    in_film, in_medium = _inside(film, c), _inside(n, c)
     with np.errstate(divide="ignore", invalid="ignore"):
         top = ((c - in_film) / (c + in_film), (film * film * c - in_film) / (film * film * c + in_film))
         bottom = (
@@ -69,7 +68,17 @@ def film_amplitudes(
     turn = np.exp(4j * np.pi * thickness * in_film)
     ss, pp = ((np.nan_to_num(a) + np.nan_to_num(b) * turn) for a, b in zip(top, bottom, strict=True))
     for_s, for_p = (1 + np.nan_to_num(a) * np.nan_to_num(b) * turn for a, b in zip(top, bottom, strict=True))
-    return ss / for_s, pp / for_p
+    bare = amplitudes(n, c)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Airy's sum is 0 / 0 where a film without thickness lies on nothing at grazing incidence.
+        found_s, found_p = (np.where(thickness == 0, a, b) for a, b in zip(bare, (ss / for_s, pp / for_p), strict=True))
+    return found_s, found_p
+
+
+def _inside(index: Complexes, cosine: Floats) -> Complexes:
+    """``sqrt(n^2 - sin^2)``, written so that it is the cosine itself for an index of 1, however small that is."""
+    inside: Complexes = np.sqrt((index * index - 1) + cosine * cosine)
+    return inside
 
 
 def reflectances(index: ArrayLike, cosine: ArrayLike) -> tuple[Floats, Floats]:
@@ -105,7 +114,7 @@ def reflection_mueller(a_ss: ArrayLike, a_pp: ArrayLike) -> Floats:
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _root(re: float, im: float) -> tuple[float, float]:
     """Principal square root of a number whose imaginary part is not negative."""
-    size = math.sqrt(re * re + im * im)
+    size = math.hypot(re, im)
     real = math.sqrt(max(0.5 * (size + re), 0.0))
     imaginary = math.sqrt(max(0.5 * (size - re), 0.0))
     # The smaller part from the larger: the difference above loses it.
@@ -130,15 +139,15 @@ def _ratio(x: complex, y: complex) -> complex:
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def amplitudes_kernel(n: complex, cosine: float, film: complex, thickness: float) -> tuple[complex, complex]:
     """Both amplitudes as :func:`film_amplitudes` (as :func:`amplitudes` for a thickness of 0), in scalars."""
-    sine2 = (1.0 - cosine) * (1.0 + cosine)
+    cosine2 = cosine * cosine
     n2 = complex(n.real * n.real - n.imag * n.imag, 2.0 * n.real * n.imag)
-    re, im = _root(n2.real - sine2, n2.imag)
+    re, im = _root((n2.real - 1.0) + cosine2, n2.imag)
     medium = complex(re, im)
     outside = complex(cosine, 0.0)
     if thickness == 0.0:
         return _ratio(outside, medium), _ratio(n2 * outside, medium)
     f2 = complex(film.real * film.real - film.imag * film.imag, 2.0 * film.real * film.imag)
-    re, im = _root(f2.real - sine2, f2.imag)
+    re, im = _root((f2.real - 1.0) + cosine2, f2.imag)
     inside = complex(re, im)
     angle = 4.0 * math.pi * thickness
     size = math.exp(-angle * im)

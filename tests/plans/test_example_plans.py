@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from polfuse_lab.rig.examples import OTHER_PLANS, write_examples
 def uncommented(rig: Path) -> Path:
     """The rig with the second polarizer that its file shows as a comment."""
     before, shown, after = rig.read_text(encoding="utf-8").partition("# [source_polarizer]")
-    rig.write_text(before + "\n".join(line.removeprefix("# ") for line in (shown + after).splitlines()))
+    rig.write_text(before + re.sub(r"(?m)^# (?=\[|\w+ *=)", "", shown + after))
     return rig
 
 
