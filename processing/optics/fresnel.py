@@ -18,6 +18,9 @@ from processing.errors import DataError
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
+TINY = 1e-150
+"""A cosine whose square cannot be told from nothing counts as grazing."""
+
 
 def amplitudes(index: ArrayLike, cosine: ArrayLike) -> tuple[Complexes, Complexes]:
     """Amplitudes ``a_ss`` and ``a_pp`` (...) of reflection from vacuum off a medium (thesis 4.15).
@@ -139,6 +142,8 @@ def _ratio(x: complex, y: complex) -> complex:
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def amplitudes_kernel(n: complex, cosine: float, film: complex, thickness: float) -> tuple[complex, complex]:
     """Both amplitudes as :func:`film_amplitudes` (as :func:`amplitudes` for a thickness of 0), in scalars."""
+    if cosine < TINY:
+        cosine = 0.0
     cosine2 = cosine * cosine
     n2 = complex(n.real * n.real - n.imag * n.imag, 2.0 * n.real * n.imag)
     re, im = _root((n2.real - 1.0) + cosine2, n2.imag)
@@ -163,4 +168,4 @@ def _checked(index: ArrayLike, cosine: ArrayLike) -> tuple[Complexes, Floats]:
         raise DataError("a cosine of incidence lies outside 0 to 1", "give angles from 0 to 90 degrees")
     if not (np.all(np.isfinite(n)) and np.all(n.real >= 0) and np.all(n.imag >= 0) and np.all(n != 0)):
         raise DataError("a refractive index has a negative part or is zero", "give n + i k with n and k not negative")
-    return n, c
+    return n, np.where(c < TINY, 0.0, c)
