@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.focus import FAR_MARGIN_CELLS
+from polfuse_lab.products.focus_grids import told
 from polfuse_lab.products.focus_parts import (
     Span,
     focus_settings,
@@ -183,6 +184,7 @@ def focus_in_tiles(
             depression_rad=depression,
             warnings=warnings,
         )
+        settings |= told(grid)
         ranging |= ranging_settings(outline, session, sky is not None)
         image = growing.raw("focus/image")
         growing.become(products, {"ranging": ranging, "focus": settings}, inputs)
