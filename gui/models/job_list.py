@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from polfuse_lab.jobs import Job, JobQueue, JobSpec
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
+
+from polfuse_lab.jobs import Job, JobQueue, JobSpec
 
 TICK_MS = 250
 OVER = ("done", "failed", "cancelled")

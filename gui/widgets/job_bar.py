@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from polfuse_lab.jobs import Job
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QProgressBar, QWidget
 
 from gui.models.job_list import OVER, JobList
 from gui.models.words import duration
 from gui.widgets.layout import button
+from polfuse_lab.jobs import Job
 
 
 class JobBar(QFrame):
