@@ -288,7 +288,7 @@ def playback_devices(tape: Tape, clock: ReplayClock, rig: Rig, control: Control,
     A recording may have more than its plan asks for: earlier versions opened the whole rig.
     """
     identities = [Identity(**fields) for fields in tape.session.config["identities"]]
-    recorded = {identity.kind: identity for identity in identities}
+    recorded = _by_kind(identities, kinds)
     made = DeviceSet(control)
     for kind in in_order({*kinds, *recorded}):
         identity = recorded.get(kind) or Identity(kind, "replay", f"recorded {kind}")
@@ -307,6 +307,17 @@ def playback_devices(tape: Tape, clock: ReplayClock, rig: Rig, control: Control,
         # As if by hand: how long a move may take was decided when it was recorded.
         made.by_kind[kind] = Device(kind, "replay", device, Lane(f"replay {kind}"), by_hand=True)
     return made
+
+
+def _by_kind(identities: Sequence[Identity], kinds: Sequence[str]) -> dict[str, Identity]:
+    """Who answered, by what it was in the rig; the light source's polarizer calls itself a polarizer too."""
+    found: dict[str, Identity] = {}
+    for identity in identities:
+        kind = identity.kind
+        if kind == "polarizer" and (kind in found or (kind not in kinds and "source_polarizer" in kinds)):
+            kind = "source_polarizer"
+        found[kind] = identity
+    return found
 
 
 def _level(block: AudioBlock) -> Level:
