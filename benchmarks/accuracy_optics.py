@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
+from benchmarks.optics_scenes import binned, fine_scene
 from benchmarks.rows import Row
 from processing.optics.analyser import least_squares, measurement_matrix
 from processing.optics.demosaic import METHODS, demosaic_by
@@ -155,12 +155,12 @@ def _shifts(count: int) -> Row:
     matrix = measurement_matrix(np.radians(ANGLES_DEG))
     errors, pulls = [], []
     for seed in range(count):
-        fine = _fine(size, seed, over, 0.5)
+        fine = fine_scene(size, seed, over, strongest=0.5)
         random = np.random.default_rng(seed)
         images = []
         steps = [(0, 0), *(tuple(map(int, random.integers(-20, 21, 2))) for _ in range(3))]
         for row, step in zip(matrix, steps, strict=True):
-            light = _binned(np.roll(np.tensordot(row, fine, 1), step, (0, 1)), over)
+            light = binned(np.roll(np.tensordot(row, fine, 1), step, (0, 1)), over)
             images.append(random.poisson(np.maximum(light, 0)).astype(float))
         for image, (down, right) in zip(images[1:], steps[1:], strict=True):
             found = measure_shift(image, images[0])
@@ -178,31 +178,5 @@ def _shifts(count: int) -> Row:
     )
 
 
-def _fine(size: int, seed: int, over: int, strongest: float) -> Floats:
-    """S0, S1, S2 of overlapping shapes with texture, ``over`` times finer than pixels, blurred by half a pixel."""
-    random = np.random.default_rng(seed)
-    fine = size * over
-    y, x = np.mgrid[0:fine, 0:fine] / over
-    stokes = np.zeros((3, fine, fine))
-    stokes[0] = 2e4
-    texture = gaussian_filter(random.normal(size=(fine, fine)), over * 1.2)
-    texture /= texture.std()
-    for _ in range(size * size // 1600 + 8):
-        (cx, cy), (a, b), turn = random.uniform(0, size, 2), random.uniform(5, 30, 2), random.uniform(0, np.pi)
-        u = (x - cx) * np.cos(turn) + (y - cy) * np.sin(turn)
-        v = -(x - cx) * np.sin(turn) + (y - cy) * np.cos(turn)
-        inside = (np.abs(u) < a) & (np.abs(v) < b) if random.random() < 0.5 else (u / a) ** 2 + (v / b) ** 2 < 1
-        level, dolp, aop = random.uniform(3e3, 5e4), strongest * random.uniform() ** 1.5, random.uniform(0, np.pi)
-        state = np.array([1.0, dolp * np.cos(2 * aop), dolp * np.sin(2 * aop)])
-        stokes[:, inside] = level * (1 + 0.1 * texture[inside]) * state[:, None]
-    return np.stack([gaussian_filter(plane, over * 0.5) for plane in stokes])
-
-
-def _binned(fine: Floats, over: int) -> Floats:
-    rows, columns = fine.shape[-2] // over, fine.shape[-1] // over
-    means: Floats = fine.reshape(*fine.shape[:-2], rows, over, columns, over).mean(axis=(-3, -1))
-    return means
-
-
 def _scene(size: int, seed: int) -> Floats:
-    return _binned(_fine(size, seed, 4, 0.7), 4)
+    return binned(fine_scene(size, seed, 4), 4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QTimer, Signal
@@ -88,12 +89,12 @@ class EngineLink(QObject):
         if client is not None:
             client.close()
 
-    def _begin(self, make: object) -> None:
+    def _begin(self, make: Callable[[], EngineClient]) -> None:
         if self.busy:
             self.failed.emit(self.tr("a collect runs already: wait for its end, or abort it"), "")
             return
         self.starting = True
-        background.run(make, self.adopt, self.not_started)  # type: ignore[arg-type]
+        background.run(make, self.adopt, self.not_started)
 
     def not_started(self, sentence: str, details: str) -> None:
         """It could not be started."""

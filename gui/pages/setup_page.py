@@ -15,7 +15,7 @@ from gui.widgets.level_meter import LevelMeter
 from gui.widgets.picture_view import PictureView
 from gui.widgets.prompt_bar import PromptBar
 from gui.workbench import Workbench
-from polfuse_lab.bench import BenchStatus
+from polfuse_lab.bench import BenchClient, BenchStatus
 
 LIGHTS = {"ok": "ok", "warn": "warning", "bad": "bad", "busy": "busy", "off": "off"}
 JOGS_M = (-0.1, -0.01, 0.01, 0.1)
@@ -165,8 +165,8 @@ class SetupPage(QWidget):
         if path is not None and not self._bench.engine.busy:
             QTimer.singleShot(0, self.check)
 
-    def _opened(self, client: object) -> None:
-        self._bench.live.open(client.live())  # type: ignore[attr-defined]
+    def _opened(self, client: BenchClient) -> None:
+        self._bench.live.open(client.live())
         self.check_button.setText(self.tr("Check the devices"))
         self.stop_button.setEnabled(True)
         for part in (self.radar_card, self.hand_card, self.camera_card):

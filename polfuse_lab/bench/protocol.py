@@ -6,7 +6,7 @@ from typing import Literal
 
 import msgspec
 
-from polfuse_lab.engine.protocol import Attach, Detach, Ping, Prompt, Refused, Watch
+from polfuse_lab.engine.protocol import Attach, Detach, Ping, Prompt, Refused, Watch, decoded
 
 Light = Literal["ok", "warn", "bad", "busy", "off"]
 """``ok``; ``warn``: works, and could be better; ``bad``: cannot be used; ``busy``: being opened; ``off``: closed."""
@@ -158,23 +158,15 @@ Command = Retry | MoveTo | Jog | Stop | Select | Turn | SetExposure | FindExposu
 BenchMessage = Attach | Detach | Ping | Watch | Close | Command
 BenchWord = BenchStatus | BenchClosed | Refused
 
-_client = msgspec.msgpack.Decoder(BenchMessage)
-_engine = msgspec.msgpack.Decoder(BenchWord)
+_client: msgspec.msgpack.Decoder[BenchMessage] = msgspec.msgpack.Decoder(BenchMessage)
+_engine: msgspec.msgpack.Decoder[BenchWord] = msgspec.msgpack.Decoder(BenchWord)
 
 
 def decode_client(data: bytes) -> BenchMessage:
-    """A client's message. Raises :class:`msgspec.MsgspecError` for anything else."""
-    try:
-        message: BenchMessage = _client.decode(data)
-    except (UnicodeDecodeError, RecursionError) as error:  # what msgspec leaves as it is
-        raise msgspec.DecodeError(str(error)) from None
-    return message
+    """A client's message. Raises as :func:`polfuse_lab.engine.protocol.decoded`."""
+    return decoded(_client, data)
 
 
 def decode_engine(data: bytes) -> BenchWord:
-    """The engine's message. Raises :class:`msgspec.MsgspecError` for anything else."""
-    try:
-        message: BenchWord = _engine.decode(data)
-    except (UnicodeDecodeError, RecursionError) as error:
-        raise msgspec.DecodeError(str(error)) from None
-    return message
+    """The engine's message. Raises as :func:`polfuse_lab.engine.protocol.decoded`."""
+    return decoded(_engine, data)

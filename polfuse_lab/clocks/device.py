@@ -13,7 +13,7 @@ from polfuse_lab.clocks.line import CommonRate, fit_lines
 from polfuse_lab.clocks.pieces import LEAST_JUMP_S, clock_pieces
 
 REJECT_SIGMA = 4.0
-"""Pairs so many robust standard deviations from the line are left out, unless their round trip explains it."""
+"""Pairs so many robust standard deviations from the line are left out, unless the round trips explain it."""
 ROUNDING_S = 2e-9
 """Rounding of the readings must not reject a pair of a perfect line."""
 EDGE_NS = 200_000_000
@@ -203,7 +203,12 @@ def _fit(device: str, slices: list[slice], device_s: Floats, host_ns: Nanosecond
 
 
 def _good(x: Floats, y: Floats, trip: Floats, piece: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Pairs that are no outliers: near the parallel lines of Theil and Sen, or explained by their own round trip."""
+    """Pairs that are no outliers: near the parallel lines of Theil and Sen, or explained by the round trips.
+
+    A device reads its clock within the exchange, so that a pair is right to half its round trip; and so are those that
+    the line follows, to half of theirs. A short exchange among long ones that are all late on the same way lies off
+    their line, and is the best pair of all.
+    """
     keep: NDArray[np.bool_] = np.ones(len(x), bool)
     if len(x) < 4:
         return keep
@@ -213,7 +218,7 @@ def _good(x: Floats, y: Floats, trip: Floats, piece: NDArray[np.intp]) -> NDArra
     away = np.abs(y - rate * x - level[piece])
     # Medians of few residuals are too small: so many of them are spent on the lines.
     spread = 1.4826 * float(np.median(away)) * len(x) / max(len(x) - count - 1, 1)
-    keep = (away <= max(REJECT_SIGMA * spread, ROUNDING_S)) | (away <= trip / 2)
+    keep = (away <= max(REJECT_SIGMA * spread, ROUNDING_S)) | (away <= (trip + np.median(trip)) / 2)
     for p in range(count):
         if not keep[piece == p].any():
             keep[piece == p] = True

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from abc import ABC, abstractmethod
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -26,7 +27,7 @@ DEAF_S = 10.0
 """An engine that has said nothing for so long is taken for dead once its process is gone, s."""
 
 
-class Link:
+class Link(ABC):
     """One client of one engine. Not thread-safe.
 
     Args:
@@ -96,9 +97,9 @@ class Link:
         self._send(protocol.Watch())
         return LiveView(self.directory)
 
+    @abstractmethod
     def poll(self, timeout_s: float = 0.2) -> Any:
         """Wait for the next word of the engine; None when there was none in time."""
-        raise NotImplementedError
 
     def close(self) -> None:
         """Leave. Idempotent."""
@@ -187,8 +188,14 @@ class Link:
         try:
             text = (self.directory / directories.LOG).read_text(errors="replace")
         except OSError:
-            return "it left no message"
+            return f"it left no message{self._code()}"
         # What the guard has done since is no reason; of a crash in native code the first line tells what it was.
         lines = [line for line in text.splitlines() if line.strip() and not line.startswith("guard: ")]
         fatal = [line for line in lines if line.startswith("Fatal Python error")]
-        return (fatal or lines or ["it left no message"])[-1]
+        return (fatal or lines or [f"it left no message{self._code()}"])[-1]
+
+    def _code(self) -> str:
+        code = None if self._process is None else self._process.poll()
+        if code is None:
+            return ""
+        return f", exit code {code}" if code >= 0 else f", ended by signal {-code}"

@@ -7,9 +7,11 @@ silent is forgotten, and the run goes on without it. :class:`Finished` is the la
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, TypeVar
 
 import msgspec
+
+Message = TypeVar("Message")
 
 PROTOCOL_VERSION = 1
 SILENCE_S = 10.0
@@ -190,23 +192,23 @@ class Finished(msgspec.Struct, frozen=True, tag=True):
 EngineMessage = StatusEvent | Refused | Finished
 
 encode = msgspec.msgpack.Encoder().encode
-_client = msgspec.msgpack.Decoder(ClientMessage)
-_engine = msgspec.msgpack.Decoder(EngineMessage)
+_client: msgspec.msgpack.Decoder[ClientMessage] = msgspec.msgpack.Decoder(ClientMessage)
+_engine: msgspec.msgpack.Decoder[EngineMessage] = msgspec.msgpack.Decoder(EngineMessage)
 
 
 def decode_client(data: bytes) -> ClientMessage:
-    """A client's message. Raises :class:`msgspec.DecodeError` for anything else."""
-    try:
-        message: ClientMessage = _client.decode(data)
-    except (UnicodeDecodeError, RecursionError) as error:  # what msgspec leaves as it is
-        raise msgspec.DecodeError(str(error)) from None
-    return message
+    """A client's message. Raises as :func:`decoded`."""
+    return decoded(_client, data)
 
 
 def decode_engine(data: bytes) -> EngineMessage:
-    """The engine's message. Raises :class:`msgspec.DecodeError` for anything else."""
+    """The engine's message. Raises as :func:`decoded`."""
+    return decoded(_engine, data)
+
+
+def decoded(decoder: msgspec.msgpack.Decoder[Message], data: bytes) -> Message:
+    """A message as one of a protocol's decoders knows it. Raises :class:`msgspec.MsgspecError` for anything else."""
     try:
-        message: EngineMessage = _engine.decode(data)
-    except (UnicodeDecodeError, RecursionError) as error:
+        return decoder.decode(data)
+    except (UnicodeDecodeError, RecursionError) as error:  # what msgspec leaves as it is
         raise msgspec.DecodeError(str(error)) from None
-    return message

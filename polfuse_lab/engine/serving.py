@@ -42,6 +42,8 @@ class ClientServer(ABC):
     def __init__(self, directory: Path, request: protocol.Request) -> None:
         self._token = request.token
         self._clients: dict[bytes, Guest] = {}
+        self._silent: set[bytes] = set()
+        """Those that attached and were forgotten for their silence: a client that was stopped comes back."""
         self._met = False
         """Whether any client has ever attached: a run may end before the one that started it gets to the socket."""
         self._last: Any = None
@@ -50,7 +52,7 @@ class ClientServer(ABC):
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.ROUTER)
         self._socket.setsockopt(zmq.LINGER, 500)
-        self._socket.setsockopt(zmq.SNDHWM, 100)
+        self._socket.setsockopt(zmq.SNDHWM, 1000)
         self.endpoint = _bind(self._socket, directory, request.transport)
         self._thread = threading.Thread(target=self._work, name="engine server", daemon=True)
 
@@ -106,9 +108,10 @@ class ClientServer(ABC):
             if self._last is not None:
                 if finished is None:
                     finished = now
-                    for identity in list(self._clients):
+                    for identity in (*self._clients, *self._silent):
                         self._send(identity, self._last)
-                if (self._met and not self._clients) or now - finished > LINGER_S:
+                alone = not self._clients and not self._silent
+                if (self._met and alone) or now - finished > LINGER_S:
                     return
             elif self._changed.is_set() or now - sent > protocol.STATUS_EVERY_S:
                 self._changed.clear()
@@ -125,6 +128,11 @@ class ClientServer(ABC):
         except msgspec.MsgspecError as error:
             self._send(identity, protocol.Refused(f"message not understood ({error})"))
             return
+        if identity in self._silent:
+            self._silent.discard(identity)
+            self._clients[identity] = Guest(time.monotonic())
+            if self._last is not None:
+                self._send(identity, self._last)
         if isinstance(message, protocol.Attach):
             self._attach(identity, message)
         elif identity not in self._clients:
@@ -155,6 +163,7 @@ class ClientServer(ABC):
     def _forget(self, now: float) -> None:
         for identity in [key for key, client in self._clients.items() if now - client.heard > protocol.SILENCE_S]:
             del self._clients[identity]
+            self._silent.add(identity)
 
     def _tell(self) -> None:
         for identity, message in self._states().items():

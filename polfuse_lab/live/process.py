@@ -129,14 +129,16 @@ class LiveProcess:
         for wake in self._wakes.values():
             wake.set()
         for thread in self._threads:
-            thread.join(1)
+            thread.join(max(end - time.monotonic(), 1))
         self.board.close()
 
     def _work(self, name: str, work: Callable[[], None]) -> None:
         wake = self._wakes[name]
-        while not self._ended:
+        last = False
+        while not last:
             wake.wait(0.25)
             wake.clear()
+            last = self._ended  # after which it looks once more: what was taken in last is shown
             try:
                 work()
             except DataError:
@@ -144,7 +146,7 @@ class LiveProcess:
             except Exception:
                 # One bad picture is no reason to be without any; the log tells.
                 traceback.print_exc()
-                time.sleep(0.5)
+                time.sleep(0 if last else 0.5)
 
     def _radar(self) -> None:
         from polfuse_lab.live.listening import Piece
@@ -225,7 +227,7 @@ class LiveProcess:
                     former.moved(record)
                 elif isinstance(record, Sweeps):
                     former.take(record)
-            former.show()
+            former.show(now=self._ended)
             overlay.show(former.formed, self._polarized)
 
         return work

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.figures_fusion import pauli_rgb
 from polfuse_lab.products.store import Products
+from polfuse_lab.products.style import decibels
 
 Kind = Literal["level", "fraction", "angle", "counts", "number", "classes", "colours"]
 Arrays = dict[str, NDArray[Any]]
@@ -71,9 +72,7 @@ def load_picture(products: Products, name: str) -> Picture:
 
 def level_db(amplitude: NDArray[np.complexfloating], *, reference: float = 1.0) -> NDArray[np.float32]:
     """``20 log10(|amplitude| / reference)``; NaN where there is nothing or nothing defined."""
-    magnitude = np.abs(amplitude).astype(np.float64) / reference
-    level: NDArray[np.float32] = (20 * np.log10(np.where(magnitude > 0, magnitude, np.nan))).astype(np.float32)
-    return level
+    return decibels(amplitude, reference=reference).astype(np.float32)
 
 
 def _focused(arrays: Arrays, settings: dict[str, Any], name: str, part: str, title: str) -> Picture:

@@ -14,12 +14,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.raytrace.bvh_kernel import STACK, nearest
+from processing.raytrace.bvh_kernel import STACK
 from processing.raytrace.materials import CHOICE, SPECULAR
 from processing.raytrace.random_numbers import path_key, uniform
 from processing.raytrace.scattering_kernel import dot, evaluate, fresnel_parts, sample, shared_axis, turn
 from processing.raytrace.source_kernel import disc_solid_angle, horizontal, seen, state, towards
 from processing.raytrace.sources import KIND, UPRIGHT, Kind
+from processing.raytrace.surface_kernel import blocked, next_surface
 from processing.raytrace.world import World
 
 Floats = NDArray[np.float64]
@@ -169,41 +170,13 @@ def follow(
     rays = 0
     for bounce in range(last + 1):
         rays += 1
-        _, triangle, u, v = nearest(
-            world.boxes,
-            world.children,
-            world.sorted_corners,
-            world.order,
-            stack,
-            entry,
-            ox,
-            oy,
-            oz,
-            dx,
-            dy,
-            dz,
-            skip,
-            math.inf,
-            False,
-        )
+        triangle, ox, oy, oz, nx, ny, nz = next_surface(world, stack, entry, ox, oy, oz, dx, dy, dz, skip)
         if triangle < 0:
             _escaped(world, wanted, bounce, t, dx, dy, dz, xx, xy, xz, density, value, shares)
             return rays
         if bounce == last:
             return rays
         row = world.materials[world.material[triangle]]
-        p = world.corners[triangle]
-        w = 1.0 - u - v
-        px, py, pz = (
-            w * p[0] + u * p[3] + v * p[6],
-            w * p[1] + u * p[4] + v * p[7],
-            w * p[2] + u * p[5] + v * p[8],
-        )
-        nx, ny, nz = world.normals[triangle, 0], world.normals[triangle, 1], world.normals[triangle, 2]
-        cosine = dot(nx, ny, nz, dx, dy, dz)
-        if cosine > 0.0:
-            nx, ny, nz = -nx, -ny, -nz
-        ox, oy, oz = px + world.margin * nx, py + world.margin * ny, pz + world.margin * nz
         skip = triangle
         reflections = bounce + 1
         place = 2 + (4 + 2 * count) * bounce
@@ -222,24 +195,7 @@ def follow(
             if chance > 0.0:
                 strength *= chance / (chance + own)
             rays += 1
-            _, blocked, _, _ = nearest(
-                world.boxes,
-                world.children,
-                world.sorted_corners,
-                world.order,
-                stack,
-                entry,
-                ox,
-                oy,
-                oz,
-                wx,
-                wy,
-                wz,
-                skip,
-                far,
-                True,
-            )
-            if blocked >= 0:
+            if blocked(world, stack, entry, ox, oy, oz, wx, wy, wz, skip, far):
                 continue
             sx, sy, sz = shared_axis(wx, wy, wz, -dx, -dy, -dz)
             hx, hy, hz = horizontal(light[UPRIGHT], light[UPRIGHT + 1], light[UPRIGHT + 2], -wx, -wy, -wz)

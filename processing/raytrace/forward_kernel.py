@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.raytrace.backward_kernel import SURE_BOUNCES
-from processing.raytrace.bvh_kernel import STACK, nearest
+from processing.raytrace.bvh_kernel import STACK
 from processing.raytrace.materials import CHOICE, SPECULAR
 from processing.raytrace.random_numbers import path_key, uniform
 from processing.raytrace.scattering_kernel import dot, evaluate, fresnel_parts, sample, shared_axis, turn
 from processing.raytrace.source_kernel import horizontal, seen, set_out, state
 from processing.raytrace.sources import KIND, UPRIGHT, Kind
+from processing.raytrace.surface_kernel import blocked, next_surface
 from processing.raytrace.world import World
 
 Floats = NDArray[np.float64]
@@ -74,24 +75,7 @@ def _to_camera(
     diffuse, a, b, c, d, _ = evaluate(row, nx, ny, nz, -dx, -dy, -dz, wx, wy, wz)
     if diffuse + a <= 0.0:
         return 0
-    _, blocked, _, _ = nearest(
-        world.boxes,
-        world.children,
-        world.sorted_corners,
-        world.order,
-        stack,
-        entry,
-        px,
-        py,
-        pz,
-        wx,
-        wy,
-        wz,
-        skip,
-        far,
-        True,
-    )
-    if blocked >= 0:
+    if blocked(world, stack, entry, px, py, pz, wx, wy, wz, skip, far):
         return 1
     # Area of the point's surroundings in the picture, square pixels per m^2.
     share = dot(nx, ny, nz, wx, wy, wz) / (far * far) * view[12] * view[12] / (depth * depth * depth)
@@ -186,34 +170,10 @@ def send(
             skip = -1
             for bounce in range(bounces):
                 rays += 1
-                _, triangle, u, v = nearest(
-                    world.boxes,
-                    world.children,
-                    world.sorted_corners,
-                    world.order,
-                    stack,
-                    entry,
-                    ox,
-                    oy,
-                    oz,
-                    dx,
-                    dy,
-                    dz,
-                    skip,
-                    math.inf,
-                    False,
-                )
+                triangle, ox, oy, oz, nx, ny, nz = next_surface(world, stack, entry, ox, oy, oz, dx, dy, dz, skip)
                 if triangle < 0:
                     break
                 surface = world.materials[world.material[triangle]]
-                q = world.corners[triangle]
-                w = 1.0 - u - v
-                nx, ny, nz = world.normals[triangle, 0], world.normals[triangle, 1], world.normals[triangle, 2]
-                if dot(nx, ny, nz, dx, dy, dz) > 0.0:
-                    nx, ny, nz = -nx, -ny, -nz
-                ox = w * q[0] + u * q[3] + v * q[6] + world.margin * nx
-                oy = w * q[1] + u * q[4] + v * q[7] + world.margin * ny
-                oz = w * q[2] + u * q[5] + v * q[8] + world.margin * nz
                 skip = triangle
                 rays += _to_camera(
                     world,

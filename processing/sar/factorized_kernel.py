@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit, prange
 
 from processing.sar.patch_sum import COLUMNS, PLACES, ROWS, TABLE_STEPS, patches_sum, types
+from processing.sar.turns import MATH, phasor
 
 BLOCK = 64
 """Places of a line that one turn of the loops holds; their buffers stay in the core's own cache."""
@@ -23,30 +24,8 @@ CHUNK = 16
 
 HALF = ROWS // 2
 
-# Reordering and contraction only: nothing here may assume that numbers are finite.
-_MATH = {"contract", "reassoc", "nsz", "arcp"}
 
-
-@njit(inline="always", fastmath=_MATH, error_model="numpy")
-def _phasor(turns: float) -> Any:
-    """Cosine and sine of a float64 number of turns, as float32.
-
-    Folded to a quarter turn, where these Taylor series are good to 6e-8, float32's own rounding.
-    """
-    angle = np.float32(turns - math.floor(turns + 0.5))
-    size = abs(angle)
-    far = size > np.float32(0.25)
-    v = (np.float32(0.5) - size if far else size) * np.float32(2 * math.pi)
-    u = v * v
-    c = np.float32(-1 / 3628800) + u * np.float32(1 / 479001600)
-    c = np.float32(-1 / 720) + u * (np.float32(1 / 40320) + u * c)
-    c = np.float32(1) + u * (np.float32(-1 / 2) + u * (np.float32(1 / 24) + u * c))
-    s = np.float32(-1 / 5040) + u * (np.float32(1 / 362880) + u * np.float32(-1 / 39916800))
-    s = v * (np.float32(1) + u * (np.float32(-1 / 6) + u * (np.float32(1 / 120) + u * s)))
-    return (-c if far else c), (-s if angle < np.float32(0) else s)
-
-
-@njit(inline="always", fastmath=_MATH, error_model="numpy")
+@njit(inline="always", fastmath=MATH, error_model="numpy")
 def _line(
     frame: Any, part: int, row: int, column: int, count: int, z: float, r: Any, x: Any, y: Any, excess: Any
 ) -> None:
@@ -65,7 +44,7 @@ def _line(
         y[i] = frame[part, 1] + along * frame[part, 4] + ahead * frame[part, 6]
 
 
-@njit(inline="always", fastmath=_MATH, error_model="numpy")
+@njit(inline="always", fastmath=MATH, error_model="numpy")
 def _read_part(
     frame: Any, layout: Any, part: int, turns: float, z: float, count: int, r: Any, x: Any, y: Any,
     excess: Any, place: Any, row_entry: Any, column_entry: Any, row_part: Any, column_part: Any, cosine: Any,
@@ -90,12 +69,12 @@ def _read_part(
         place[i] = row * np.int32(columns) + column
         row_entry[i], column_entry[i] = np.int32(lower_s), np.int32(lower_r)
         row_part[i], column_part[i] = np.float32(step_s - lower_s), np.float32(step_r - lower_r)
-        c, q = _phasor(turns * (distance - r[i]))
+        c, q = phasor(turns * (distance - r[i]))
         inside = np.float32(1) if held_r == at_r and held_s == at_s else np.float32(np.nan)
         cosine[i], sine[i] = c * inside, q * inside
 
 
-@njit(inline="always", fastmath=_MATH, error_model="numpy")
+@njit(inline="always", fastmath=MATH, error_model="numpy")
 def _add_parts(
     channels: int, first: int, last: int, frame: Any, layout: Any, samples: Any, turns: float, along: Any,
     across: Any, z: float, count: int, r: Any, x: Any, y: Any, excess: Any, sums: Any,
@@ -122,7 +101,7 @@ def _add_parts(
                 sums[channel, 1, i] += im
 
 
-@njit(parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy")
+@njit(parallel=True, cache=True, nogil=True, fastmath=MATH, error_model="numpy")
 def merge(
     channels: int, span: Any, child_frame: Any, child_layout: Any, samples: Any, turns: float, along: Any,
     across: Any, z: float, frame: Any, layout: Any, jobs: Any, out: Any,
@@ -156,7 +135,7 @@ def merge(
         types.float64[:, ::1], types.int64[:, ::1], types.float32[::1], types.float64, types.float32[::1],
         types.float32[::1], PLACES, PLACES, types.float64, types.complex64[:, :, ::1],
     ),
-    parallel=True, cache=True, nogil=True, fastmath=_MATH, error_model="numpy",
+    parallel=True, cache=True, nogil=True, fastmath=MATH, error_model="numpy",
 )  # fmt: skip
 def form(
     child_frame: Any, child_layout: Any, samples: Any, turns: float, along: Any, across: Any, x: Any, y: Any,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from processing.sar.factorized_kernel import _phasor
+from processing.sar.turns import phasor
 
 _MATH = {"contract", "reassoc", "nsz", "arcp"}
 
@@ -58,7 +58,7 @@ def resample_range(
                 value = spectrum[n, whole - half + 1 + tap]
                 re += table[q, tap] * value.real
                 im += table[q, tap] * value.imag
-            c, s = _phasor(turns[n] - (k - centre) * offset[n] / (2 * math.pi))
+            c, s = phasor(turns[n] - (k - centre) * offset[n] / (2 * math.pi))
             out[n, j] = complex(np.float32(size) * (re * c - im * s), np.float32(size) * (re * s + im * c))
 
 
@@ -146,5 +146,5 @@ def read_pixels(
             entry = b * undone_per_m + middle
             low = min(max(int(entry), 0), undone.size - 2)
             size = undone[low] + np.float32(entry - low) * (undone[low + 1] - undone[low])
-            c, s = _phasor((a * carrier[0] + b * carrier[1]) * turn)
+            c, s = phasor((a * carrier[0] + b * carrier[1]) * turn)
             out[row, column] = complex(size * (re * c - im * s), size * (re * s + im * c))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from processing.sar.factorized_kernel import _phasor
+from processing.sar.turns import phasor
 
 _MATH = {"contract", "reassoc", "nsz", "arcp"}
 
@@ -106,7 +106,7 @@ def read_rows(
         for i in range(count):
             turns[i] = carriers[i] * distance + phases[i] * turn + seconds[i] * nearness
         for i in range(count):
-            c, s = _phasor(turns[i])
+            c, s = phasor(turns[i])
             re = roll[i] * read[2 * i]
             im = roll[i] * read[2 * i + 1]
             read[2 * i] = re * c - im * s

@@ -17,9 +17,9 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
-from processing.sar.factorized_kernel import _phasor
 from processing.sar.gridding import Kernel
 from processing.sar.interpolation import sinc_weights
+from processing.sar.turns import phasor
 
 _MATH = {"contract", "reassoc", "nsz", "arcp"}
 TABLE_STEPS = 8192
@@ -216,7 +216,7 @@ def _stolt(
                     across = across_step * (starts[i] + j)
                     size[i] *= (across / math.sqrt(across * across + beside[i] * beside[i])) ** exponent
             for i in range(here):
-                c, s = _phasor(turns[i])
+                c, s = phasor(turns[i])
                 amplitude = np.float32(size[i])
                 cosine[i] = amplitude * c
                 sine[i] = amplitude * s

@@ -4,8 +4,8 @@ import itertools
 
 import numpy as np
 import pytest
-from optics_scenes import binned, fine_scene
 
+from benchmarks.optics_scenes import binned, fine_scene
 from processing.errors import DataError
 from processing.optics.analyser import least_squares, measurement_matrix
 from processing.optics.demosaic import METHODS, demosaic_by, variance_share

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from optics_scenes import binned, fine_scene
 from optics_session import RIG, write_session
 from typer.testing import CliRunner
 
+from benchmarks.optics_scenes import binned, fine_scene
 from drivers.records import Frame
 from polfuse_lab.cli import build
 from polfuse_lab.errors import PolfuseError

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from optics_scenes import binned, fine_scene
 from scipy.ndimage import gaussian_filter
 
+from benchmarks.optics_scenes import binned, fine_scene
 from processing.errors import DataError
 from processing.optics.analyser import least_squares, measurement_matrix
 from processing.optics.shifts import Shift, mask_back, measure_shift, registered, shift_back

@@ -57,7 +57,8 @@ def test_ask_forgets_what_came_unasked(kind: Kind) -> None:
         wait_for(lambda: device.heard == b"x", "the first byte")
         device.to_say = b"stale\r\n"
         wire.wake()
-        time.sleep(0.05)
+        wait_for(lambda: device.to_say == b"", "the stale line to be said")
+        time.sleep(0.05)  # on its way
         device.to_say = b"fresh\r\n"  # said when the question arrives
         assert line.ask(b"?") == "fresh"
         line.close()

@@ -1,10 +1,15 @@
-"""Polarized scenes with edges and texture, finer than the pixels, for tests of demosaicing and registration."""
+"""Polarized scenes with edges and texture, finer than the pixels, for demosaicing and registration."""
+
+from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+Floats = NDArray[np.float64]
 
-def fine_scene(size: int, seed: int, over: int, *, strongest: float = 0.7) -> np.ndarray:
+
+def fine_scene(size: int, seed: int, over: int, *, strongest: float = 0.7) -> Floats:
     """S0, S1, S2 (3, size x over, size x over) of shapes with texture before a background, blurred by half a pixel."""
     random = np.random.default_rng(seed)
     fine = size * over
@@ -24,7 +29,8 @@ def fine_scene(size: int, seed: int, over: int, *, strongest: float = 0.7) -> np
     return np.stack([gaussian_filter(plane, over * 0.5) for plane in stokes])
 
 
-def binned(fine: np.ndarray, over: int) -> np.ndarray:
+def binned(fine: Floats, over: int) -> Floats:
     """Means over the pixels."""
     rows, columns = fine.shape[-2] // over, fine.shape[-1] // over
-    return fine.reshape(*fine.shape[:-2], rows, over, columns, over).mean(axis=(-3, -1))
+    means: Floats = fine.reshape(*fine.shape[:-2], rows, over, columns, over).mean(axis=(-3, -1))
+    return means
