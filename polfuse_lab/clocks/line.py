@@ -6,7 +6,8 @@ and one rate for all, and the pair misses it by
 * ``c (r - r_0)/2``: what an exchange of length ``r`` took longer than the shortest one, it took on one way rather than
   the other, in the same share in all pairs (``c`` = -1 ... 1: only queries, or only answers, are late);
 * ``l r/2`` times a random number: this share is not the same each time;
-* up to ``r_0/2``: the shortest exchange may itself be asymmetric, which no pair can show;
+* up to ``r_0/2``: the shortest exchange may itself be asymmetric, which no pair can show, and less so or more at the
+  end than at the beginning, which looks like a rate;
 * ``s`` times a random number: whatever the round trip does not tell.
 
 Offsets, rate and asymmetry follow from linear least squares with priors (Gelman et al., Bayesian Data Analysis, 3rd
@@ -89,14 +90,16 @@ def fit_lines(x: Floats, y: Floats, trip: Floats, piece: NDArray[np.intp]) -> Co
     rates, asymmetries, offsets = joined("rate"), joined("asymmetry"), joined("offset")
     rate, asymmetry, offset = float(weight @ rates), float(weight @ asymmetries), weight @ offsets
     residual: Floats = y - offset[piece] - rate * x - asymmetry * longer
+    tilt_var, middle = _tilt(x, shortest, piece)
     scatter_var = float(weight @ np.tile(_SCATTERS**2, len(_UNEVEN)))
     variance: Floats = scatter_var + float(weight @ np.repeat(_UNEVEN**2, len(_SCATTERS))) * (trip / 2) ** 2
     return CommonRate(
         offset_s=offset,
         excess_rate=rate,
-        offset_var=weight @ (joined("offset_var") + (offsets - offset) ** 2),
-        offset_rate_cov=weight @ (joined("offset_rate_cov") + (offsets - offset) * (rates - rate)[:, None]),
-        rate_var=float(weight @ (joined("rate_var") + (rates - rate) ** 2)),
+        offset_var=weight @ (joined("offset_var") + (offsets - offset) ** 2) + tilt_var * middle**2,
+        offset_rate_cov=weight @ (joined("offset_rate_cov") + (offsets - offset) * (rates - rate)[:, None])
+        - tilt_var * middle,
+        rate_var=float(weight @ (joined("rate_var") + (rates - rate) ** 2)) + tilt_var,
         common_var=(shortest * ASYMMETRY_SD) ** 2 + scatter_var * LATE_SHARE + _wander_var(residual, variance, piece),
         residual_s=residual,
     )
@@ -134,6 +137,18 @@ class _Cells:
         prior = (np.log(_SCATTERS / USUAL_SCATTER_S) / SCATTER_SPREAD) ** 2
         spread = np.log(variance).sum(1) + np.log(total).sum(1) + np.log(determinant)
         self.log_evidence = -0.5 * (spread + misfit + prior)
+
+
+def _tilt(x: Floats, shortest_s: float, piece: NDArray[np.intp]) -> tuple[float, Floats]:
+    """Variance of the rate by which a slow change of the shortest exchange's asymmetry tilts all lines; their middles.
+
+    Were it the same all the time there would be no tilt; were its values at both ends independent, the variance of
+    their difference over the time between would be twice that of one. Half of that is taken.
+    """
+    first = np.flatnonzero(np.diff(piece, prepend=-1))
+    begin, end = x[first], x[np.append(first[1:], len(x)) - 1]
+    span = float(np.max(end - begin))
+    return ((shortest_s * ASYMMETRY_SD / span) ** 2 if span > 0 else 0.0), (begin + end) / 2
 
 
 def _wander_var(residual: Floats, variance: Floats, piece: NDArray[np.intp]) -> float:

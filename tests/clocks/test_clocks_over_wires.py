@@ -73,7 +73,9 @@ def test_the_cameras_latch_tells_its_time(camera: GigeCamera) -> None:
     reading = np.array([camera.clock.ticks(int(t)) for t in times]) / TICK_HZ
     errors = (clock.host_ns(reading) - times) * 1e-9
     assert np.sqrt(np.mean(errors**2)) < 0.5e-3
-    assert (np.abs(errors) <= 2 * clock.sd_s(reading) + 1e-8).mean() >= 0.95
+    # All places on one line are one draw, so that four standard deviations are asked for; how many of many lines are
+    # within two is what the benchmark of clocks counts.
+    assert (np.abs(errors) <= 4 * clock.sd_s(reading) + 1e-8).all()
     # The camera runs 200 ppm fast: the host's seconds are shorter by as much.
     assert clock.drift_ppm == pytest.approx(-200, abs=max(4 * clock.drift_sd_ppm, 1))
 

@@ -63,8 +63,10 @@ def test_json_has_the_same(session, capsys):
     info(session, json_=True)
     found = json.loads(capsys.readouterr().out)
     assert found["sync_rms_s"] < 1e-6
-    # Half of 40 us, uniform: 11.5 us.
-    assert found["sync"]["devices"]["radar"]["rms_s"] == pytest.approx(20e-6 / 3**0.5, rel=0.05)
+    # Half of 40 us, uniform: 11.5 us; and by as much from end to end if that changes meanwhile.
+    t_s = np.array([number + (30 if number > 5 else 0) for number in range(12)])
+    tilt = np.mean(((t_s - np.mean(t_s[[0, -1]])) / np.ptp(t_s)) ** 2)
+    assert found["sync"]["devices"]["radar"]["rms_s"] == pytest.approx(20e-6 / 3**0.5 * (1 + tilt) ** 0.5, rel=0.02)
     assert found["flags"] == {"SWEEP_RETRY": 1}
     assert found["gaps"] == [{"time_s": pytest.approx(5.01), "seconds": pytest.approx(30.99)}]
     assert found["notes"] == [{"kind": "note", "time_s": 8.0, "text": "a car drove past"}]
