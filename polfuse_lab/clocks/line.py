@@ -90,6 +90,9 @@ def fit_lines(x: Floats, y: Floats, trip: Floats, piece: NDArray[np.intp]) -> Co
     rates, asymmetries, offsets = joined("rate"), joined("asymmetry"), joined("offset")
     rate, asymmetry, offset = float(weight @ rates), float(weight @ asymmetries), weight @ offsets
     residual: Floats = y - offset[piece] - rate * x - asymmetry * longer
+    offset_var = weight @ (joined("offset_var") + (offsets - offset) ** 2)
+    covariance = weight @ (joined("offset_rate_cov") + (offsets - offset) * (rates - rate)[:, None])
+    rate_var = float(weight @ (joined("rate_var") + (rates - rate) ** 2))
     tilt_var, middle = _tilt(x, shortest, piece)
     scatter_var = float(weight @ np.tile(_SCATTERS**2, len(_UNEVEN)))
     variance: Floats = scatter_var + float(weight @ np.repeat(_UNEVEN**2, len(_SCATTERS))) * (trip / 2) ** 2

@@ -1,4 +1,4 @@
-"""Clients that fall silent and come back: a laptop that slept, a terminal that was stopped, a processor that was busy."""
+"""Clients that fall silent and come back: a laptop that slept, a stopped terminal, a processor that was busy."""
 
 from __future__ import annotations
 
