@@ -99,10 +99,9 @@ def fit_lines(x: Floats, y: Floats, trip: Floats, piece: NDArray[np.intp]) -> Co
     return CommonRate(
         offset_s=offset,
         excess_rate=rate,
-        offset_var=weight @ (joined("offset_var") + (offsets - offset) ** 2) + tilt_var * middle**2,
-        offset_rate_cov=weight @ (joined("offset_rate_cov") + (offsets - offset) * (rates - rate)[:, None])
-        - tilt_var * middle,
-        rate_var=float(weight @ (joined("rate_var") + (rates - rate) ** 2)) + tilt_var,
+        offset_var=offset_var + tilt_var * middle**2,
+        offset_rate_cov=covariance - tilt_var * middle,
+        rate_var=rate_var + tilt_var,
         common_var=(shortest * ASYMMETRY_SD) ** 2 + scatter_var * LATE_SHARE + _wander_var(residual, variance, piece),
         residual_s=residual,
     )
@@ -146,23 +145,26 @@ def _tilt(x: Floats, shortest_s: float, piece: NDArray[np.intp]) -> tuple[float,
     """Variance of the rate by which a slow change of the shortest exchange's asymmetry tilts all lines; their middles.
 
     Were it the same all the time there would be no tilt; were its values at both ends independent, the variance of
-    their difference over the time between would be twice that of one. Half of that is taken.
+    their difference over the time between would be twice that of one. Half of that is taken, and no more than clocks'
+    rates differ.
     """
     first = np.flatnonzero(np.diff(piece, prepend=-1))
     begin, end = x[first], x[np.append(first[1:], len(x)) - 1]
     span = float(np.max(end - begin))
-    return ((shortest_s * ASYMMETRY_SD / span) ** 2 if span > 0 else 0.0), (begin + end) / 2
+    rate_sd = min(shortest_s * ASYMMETRY_SD, RATE_SD * span) / span if span > 0 else 0.0
+    return rate_sd**2, (begin + end) / 2
 
 
 def _wander_var(residual: Floats, variance: Floats, piece: NDArray[np.intp]) -> float:
     """Variance of a clock whose rate changes, s^2: that of the residuals, where neighbours agree too often in sign."""
     n = len(residual)
-    if n < WANDER_PAIRS or not residual.any():
-        return 0.0
     relative = np.clip(residual / np.sqrt(variance), -3, 3)
+    power = np.sum(relative**2)
+    if n < WANDER_PAIRS or power == 0:
+        return 0.0
     same = piece[1:] == piece[:-1]
     # Of n independent values the correlation of neighbours has a standard deviation of 1 / sqrt(n).
-    correlation = float(np.sum((relative[1:] * relative[:-1])[same]) / np.sum(relative**2))
+    correlation = float(np.sum((relative[1:] * relative[:-1])[same]) / power)
     if correlation < 2 / np.sqrt(n):
         return 0.0
     return float(np.sum(residual**2 / variance) / np.sum(1 / variance))
