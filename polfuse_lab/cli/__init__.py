@@ -9,6 +9,7 @@ import typer
 COMMANDS = (
     # module, function, name
     ("init", "init", "init"),
+    ("design", "design", "design"),
     ("plan", "plan", "plan"),
     ("doctor", "doctor", "doctor"),
     ("sim", "sim", "sim"),

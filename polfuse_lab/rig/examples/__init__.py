@@ -6,6 +6,8 @@ from importlib.resources import files
 from pathlib import Path
 
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.rig.model import Rig
+from polfuse_lab.rig.toml_model import parse_model
 
 OTHER_PLANS = (
     "continuous_sar",
@@ -28,6 +30,12 @@ BY_HAND = MOTORIZED | {"rig": "rig_by_hand.toml"}
 def example_plan(kind: str) -> str:
     """The commented example of one kind of plan (``"plan"``, ``"sky"`` or one of :data:`OTHER_PLANS`)."""
     return files(__package__).joinpath(MOTORIZED[kind]).read_text(encoding="utf-8")
+
+
+def thesis_rig() -> Rig:
+    """The rig that ``polfuse init`` writes: the thesis's."""
+    name = MOTORIZED["rig"]
+    return parse_model(files(__package__).joinpath(name).read_text(encoding="utf-8"), Rig, name)
 
 
 def write_examples(directory: Path | str, *, by_hand: bool = False, force: bool = False) -> dict[str, Path]:
