@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from annotated_types import Gt
 
+from drivers.by_hand import MovedByHand
 from drivers.contracts import Operator
 from drivers.errors import DeviceRefused
 from drivers.options import checked
@@ -26,7 +26,7 @@ def refuse_speed(speed_m_s: float | None, where: str) -> None:
         )
 
 
-class HandTrolley:
+class HandTrolley(MovedByHand):
     """Driver ``by_hand``: asks the operator to push the trolley and waits for the confirmation."""
 
     @dataclass(frozen=True)
@@ -41,12 +41,8 @@ class HandTrolley:
         """Standard deviation with which a person meets a mark, m."""
 
     def __init__(self, options: Options, operator: Operator) -> None:
+        super().__init__(operator)
         self._options = checked(options)
-        self._operator = operator
-        self._lock = threading.RLock()
-        self._ticket: int | None = None
-        self._target_m = self._x_m = 0.0
-        self._known = False
 
     @property
     def limits_m(self) -> tuple[float, float]:
@@ -71,37 +67,14 @@ class HandTrolley:
                 where="hand trolley",
                 advice="ask for a position on the rail",
             )
-        with self._lock:
-            self.stop()
-            self._target_m = x_m
-            self._known = False
-            self._ticket = self._operator.ask(
-                f"Push the trolley to x = {x_m:+.4f} m ({x_m - low:.4f} m from the rail's left end), then confirm."
-            )
+        self._ask(
+            x_m, f"Push the trolley to x = {x_m:+.4f} m ({x_m - low:.4f} m from the rail's left end), then confirm."
+        )
 
     def poll(self) -> TrolleyFix:
         """The last confirmed position; under way and before the first confirmation it is anywhere on the rail."""
-        with self._lock:
-            if self._ticket is not None and self._operator.answered(self._ticket):
-                self._ticket = None
-                self._x_m, self._known = self._target_m, True
-            moving = self._ticket is not None
-            # Anywhere on the rail: the standard deviation of a uniform distribution.
-            sd_m = self._options.sd_m if self._known else self._options.length_m / math.sqrt(12)
-            state = "asked" if moving else "confirmed" if self._known else "unknown"
-            return TrolleyFix(self._x_m, sd_m, moving, time.monotonic_ns(), state)
-
-    def stop(self) -> None:
-        """Take the request back; where the operator left the trolley is not known."""
-        with self._lock:
-            if self._ticket is not None:
-                self._operator.withdraw(self._ticket)
-                self._ticket = None
-
-    def make_safe(self) -> None:
-        """Take the request back."""
-        self.stop()
-
-    def close(self) -> None:
-        """Take the request back. Idempotent."""
-        self.stop()
+        x_m, known, moving = self._look()
+        # Anywhere on the rail: the standard deviation of a uniform distribution.
+        sd_m = self._options.sd_m if known else self._options.length_m / math.sqrt(12)
+        state = "asked" if moving else "confirmed" if known else "unknown"
+        return TrolleyFix(x_m, sd_m, moving, time.monotonic_ns(), state)
