@@ -88,6 +88,7 @@ class MainWindow(QMainWindow):
         self.bench.error.connect(self.error_bar.tell)
         self.bench.engine.status.connect(self._status)
         self.bench.engine.finished.connect(self._finished)
+        self.bench.live.tick.connect(self._sync)
         self.bench.engine.failed.connect(lambda *_: self.strip.show_idle(self.tr("The collect did not go on")))
         self.navigation.setCurrentRow(0)
         self._restore()
@@ -158,6 +159,16 @@ class MainWindow(QMainWindow):
 
     def _status(self, status: StatusEvent) -> None:
         self.strip.show_status(status)
+
+    def _sync(self) -> None:
+        found = self.bench.live.glance("levels")
+        if found is None:
+            return
+        period_s = float(found.values["period_s"])
+        if int(found.values["sync_channel"]) < 0:
+            self.strip.show_sync(self.tr("no sync"), False)
+        else:
+            self.strip.show_sync(self.tr("sync every {0:.1f} ms").format(period_s * 1e3), True)
 
     def _finished(self, outcome: Finished) -> None:
         words = self.tr("The last collect: {0}").format(outcome.state)

@@ -16,6 +16,12 @@ MAPS = (SEQUENTIAL, FRACTION, CYCLIC, DIVERGING, "cividis", "gray")
 """Those that can be chosen; cividis reads the same to colour-blind eyes."""
 
 
+SPAN_DB = 70.0
+"""From the brightest to the darkest level that is told apart where nothing else is said, dB."""
+NOTHING_DB = -170.0
+"""Levels below are of amplitudes that are zero."""
+
+
 @cache
 def colour_map(name: str) -> pg.ColorMap:
     """A map of matplotlib's by name."""
@@ -41,3 +47,9 @@ def percentile_levels(values: NDArray[np.floating], low: float = 5.0, high: floa
         return 0.0, 1.0
     bottom, top = (float(level) for level in np.percentile(finite, (low, high)))
     return (bottom, top) if top > bottom else (bottom - 0.5, bottom + 0.5)
+
+
+def level_limits(level_db: NDArray[np.floating], span_db: float = SPAN_DB) -> tuple[float, float]:
+    """Display limits of levels in dB: by percentiles, never wider than ``span_db``; zero amplitudes do not count."""
+    low, high = percentile_levels(np.where(level_db > NOTHING_DB, level_db, np.nan), 5.0, 99.9)
+    return max(low, high - span_db), high

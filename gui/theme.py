@@ -37,6 +37,8 @@ class Theme:
     warning: str
     bad: str
     grid: str
+    filled: str
+    """The done part of a progress bar, on which text stands."""
     curves: tuple[str, ...]
     """Of HH, HV, VH, VV, then others; told apart by colour-blind eyes (after Okabe and Ito)."""
 
@@ -55,6 +57,7 @@ DARK = Theme(
     warning="#ffb938",
     bad="#ff6b60",
     grid="#39414d",
+    filled="#1d5c9e",
     curves=("#56b4e9", "#e69f00", "#f0e442", "#cc79a7", "#009e73", "#d55e00"),
 )
 LIGHT = Theme(
@@ -71,6 +74,7 @@ LIGHT = Theme(
     warning="#8a5200",
     bad="#b3261e",
     grid="#c9d0d9",
+    filled="#9cc8f5",
     curves=("#0072b2", "#b35c00", "#6b6300", "#9b3f78", "#007a58", "#a83f00"),
 )
 THEMES = {theme.name: theme for theme in (DARK, LIGHT)}
@@ -130,14 +134,16 @@ def _style_sheet(theme: Theme, size_pt: float) -> str:
     return f"""
 QToolTip {{ color: {theme.text}; background: {theme.raised}; border: 1px solid {theme.border};
     padding: {pad // 2}px; }}
-QPushButton, QToolButton, QComboBox, QSpinBox, QDoubleSpinBox, QLineEdit, QPlainTextEdit, QListView, QTableView {{
+QComboBox, QSpinBox, QDoubleSpinBox {{ min-height: {round(size_pt * 2.7)}px; }}
+QPushButton, QToolButton, QLineEdit, QPlainTextEdit, QListView, QTableView {{
     background: {theme.panel}; border: 1px solid {theme.border}; border-radius: 4px; padding: {pad}px;
     selection-background-color: {theme.accent}; selection-color: {theme.on_accent}; }}
 QPushButton, QToolButton {{ background: {theme.raised}; padding: {pad}px {2 * pad}px; }}
 QPushButton:hover, QToolButton:hover {{ border-color: {theme.accent}; }}
-QPushButton:focus, QToolButton:focus, QComboBox:focus, QLineEdit:focus, QListView:focus, QTableView:focus,
+QPushButton:focus, QToolButton:focus, QLineEdit:focus, QListView:focus, QTableView:focus,
 QPlainTextEdit:focus {{ border: 2px solid {theme.accent}; padding: {max(pad - 1, 0)}px; }}
 QPushButton:focus, QToolButton:focus {{ padding: {max(pad - 1, 0)}px {max(2 * pad - 1, 0)}px; }}
+QPushButton[role="compact"] {{ padding: {pad}px {pad // 2}px; }}
 QPushButton:disabled, QToolButton:disabled {{ color: {theme.dim}; background: {theme.panel}; }}
 QPushButton:checked, QToolButton:checked {{ background: {theme.accent}; color: {theme.on_accent}; }}
 QPushButton[role="primary"] {{ background: {theme.accent}; color: {theme.on_accent}; font-weight: 600; }}
@@ -158,7 +164,7 @@ QListWidget#navigation::item:selected {{ background: {theme.accent}; color: {the
 QListWidget#navigation::item:hover:!selected {{ background: {theme.raised}; }}
 QProgressBar {{ background: {theme.panel}; border: 1px solid {theme.border}; border-radius: 4px; text-align: center;
     min-height: {round(size_pt * 1.9)}px; }}
-QProgressBar::chunk {{ background: {theme.accent}; border-radius: 3px; }}
+QProgressBar::chunk {{ background: {theme.filled}; border-radius: 3px; }}
 QTabWidget::pane {{ border: 1px solid {theme.border}; background: {theme.window}; }}
 QTabWidget > QWidget > QWidget {{ background: {theme.window}; }}
 QTabBar::tab {{ padding: {pad}px {2 * pad}px; background: {theme.window}; border: 1px solid {theme.border};

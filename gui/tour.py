@@ -99,6 +99,7 @@ def _steps(walk: _Walk, session: Path) -> None:
     walk.save("start")
     window.start_page.try_button.click()
     walk.until(lambda: setup.all_ready, "that every device is ready")
+    walk.until(lambda: setup.seen, "that signals and picture are seen")
     walk.rest(2.0)
     walk.save("setup")
     window.show_page("collect")
@@ -121,7 +122,7 @@ def _steps(walk: _Walk, session: Path) -> None:
     walk.until(lambda: collect.outcome is not None, "the end of the collect")
     walk.save("live-camera")
     live.show_tab("fused")
-    walk.rest(1.5)
+    walk.until(lambda: live.fused.shows, "radar over camera")
     walk.save("live-fused")
     assert collect.outcome is not None
     if collect.outcome.state != "finished":

@@ -8,6 +8,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 
 from polfuse_lab.live import LiveView, Shown
 
+GLANCE_S = 1.0
 FRAME_MS = 33
 """30 updates a second."""
 
@@ -25,6 +26,8 @@ class LiveLink(QObject):
         super().__init__(parent)
         self._view: LiveView | None = None
         self._seen: dict[str, int] = {}
+        self._held: set[str] = set()
+        self._glanced: dict[str, float] = {}
         self._timer = QTimer(self)
         self._timer.setInterval(FRAME_MS)
         self._timer.timeout.connect(self._tick)
@@ -47,13 +50,14 @@ class LiveLink(QObject):
         """Look no more."""
         self._timer.stop()
         self._seen.clear()
+        self._held.clear()
         view, self._view = self._view, None
         if view is not None:
             view.close()
 
     def streams(self) -> tuple[str, ...]:
-        """Streams that there are."""
-        return () if self._view is None else self._view.streams()
+        """Streams that there are, or were until the engine went."""
+        return tuple(sorted(self._held))
 
     def newest(self, stream: str) -> Shown | None:
         """The newest item of a stream if it has not been handed out yet."""
@@ -63,6 +67,14 @@ class LiveLink(QObject):
         if found is not None:
             self._note(stream, found)
         return found
+
+    def glance(self, stream: str) -> Shown | None:
+        """The newest item of a stream whoever has had it already, at most once a second."""
+        now = time.monotonic()
+        if self._view is None or now - self._glanced.get(stream, 0.0) < GLANCE_S:
+            return None
+        self._glanced[stream] = now
+        return self._view.newest(stream)
 
     def since(self, stream: str) -> list[Shown]:
         """All items of a stream that have not been handed out yet."""
@@ -86,4 +98,9 @@ class LiveLink(QObject):
         self.latest_ns = max(self.latest_ns, found.t_sample_ns)
 
     def _tick(self) -> None:
+        if self._view is not None:
+            # Once it has been read, the last item of a stream stays when the engine has gone.
+            for stream in set(self._view.streams()) - self._held:
+                if self._view.newest(stream) is not None:
+                    self._held.add(stream)
         self.tick.emit()

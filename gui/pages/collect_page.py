@@ -39,6 +39,7 @@ class CollectPage(QWidget):
         super().__init__(parent)
         self._bench = bench
         self._finished: Finished | None = None
+        self._channels: tuple[str, ...] = QUAD
         self.draft = PlanDraft(self)
         self.draft.judged.connect(self._judged)
         self._stack = QStackedWidget()
@@ -239,7 +240,7 @@ class CollectPage(QWidget):
         self.start_button.setText(self.tr("Start the collect"))
         verdict = self.draft.verdict
         plan = verdict.plan if verdict is not None else None
-        channels = tuple(getattr(plan, "channels", QUAD))
+        channels = self._channels = tuple(getattr(plan, "channels", QUAD))
         positions = verdict.outcome.planned.positions if verdict is not None and verdict.outcome is not None else 0
         self.grid.begin(positions, channels)
         self.warnings.clear()
@@ -263,6 +264,8 @@ class CollectPage(QWidget):
                 duration(status.elapsed_s), duration(status.eta_s), status.sweeps, status.frames
             )
         )
+        if status.positions != self.grid.positions:  # a run that was not begun here
+            self.grid.begin(status.positions, self._channels)
         if status.channel and status.position >= 0 and status.state == "running":
             self.grid.mark(status.position, status.channel, "now")
         text = "\n".join(status.warnings)
@@ -288,7 +291,7 @@ class CollectPage(QWidget):
 
     def _ended(self, outcome: Finished) -> None:
         self._finished = outcome
-        self.grid.finish()
+        self.grid.finish(whole=outcome.state == "finished")
         self.prompts.show_prompts([])
         self._running(False)
         lost = outcome.samples_lost + outcome.frames_lost

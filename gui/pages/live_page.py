@@ -21,7 +21,9 @@ from PySide6.QtWidgets import (
 from gui import maps
 from gui.models.cursor import LinkedCursor
 from gui.models.live_link import LiveLink
+from gui.models.words import age
 from gui.saving import save_view
+from gui.widgets.colour_bar import ColourBar
 from gui.widgets.layout import button, title
 from gui.widgets.level_meter import LevelMeter
 from gui.widgets.picture_view import PictureView, Quantity
@@ -34,6 +36,8 @@ LEVEL = Quantity("level", "dB")
 S0 = Quantity("S0", "counts", "gray", low=0.0, digits=0)
 DOLP = Quantity("DOLP", "1", maps.FRACTION, 0.0, 1.0, digits=3)
 AOP = Quantity("AOP", "°", maps.CYCLIC, -90.0, 90.0)
+NEWS_S = 10.0
+"""After so long without anything new, that is said."""
 
 
 class LivePage(QWidget):
@@ -72,6 +76,7 @@ class LivePage(QWidget):
         column.addWidget(self.tabs, 1)
         self.tabs.currentChanged.connect(lambda _: self.link.forget())
         self.link.tick.connect(self._tick)
+        bench.engine.finished.connect(lambda _: self._tell(self.tr("the run has ended; these are its last pictures")))
         self.link.opened.connect(lambda: self.state.setText(self.tr("waiting for the first data…")))
         self._here = False
 
@@ -126,14 +131,19 @@ class LivePage(QWidget):
         self.doppler = PictureView(LEVEL, axes=("range", "m", "speed, receding", "m/s"), square=False)
         tab = QWidget()
         column = QVBoxLayout(tab)
-        column.addWidget(self.doppler_channel)
+        choose = QHBoxLayout()
+        choose.addWidget(QLabel(self.tr("Speeds in")))
+        choose.addWidget(self.doppler_channel)
+        choose.addStretch(1)
+        column.addLayout(choose)
         column.addWidget(self.doppler, 1)
         return tab
 
     def _sar_tab(self) -> QWidget:
         self.linked = LinkedCursor(self)
-        self.sar = {channel: PictureView(LEVEL, bar=channel == "VV") for channel in CHANNELS}
-        self.pauli = PictureView(LEVEL)
+        self.sar = {channel: PictureView(LEVEL, bar=False) for channel in CHANNELS}
+        self.sar_bar = ColourBar(LEVEL, list(self.sar.values()))
+        self.pauli = PictureView(LEVEL, bar=False)
         tab = QWidget()
         grid = QGridLayout(tab)
         for number, (channel, view) in enumerate(self.sar.items()):
@@ -142,8 +152,9 @@ class LivePage(QWidget):
             grid.addWidget(view, number // 2, number % 2)
         self.pauli.item.setTitle(self.tr("Pauli: red HH−VV, green HV, blue HH+VV"))
         self.pauli.follow(self.linked)
-        grid.addWidget(self.pauli, 0, 2, 2, 1)
-        for column, share in enumerate((2, 2, 3)):
+        grid.addWidget(self.sar_bar, 0, 2, 2, 1)
+        grid.addWidget(self.pauli, 0, 3, 2, 1)
+        for column, share in enumerate((2, 2, 0, 3)):
             grid.setColumnStretch(column, share)
         return tab
 
@@ -163,7 +174,7 @@ class LivePage(QWidget):
         return tab
 
     def _fused_tab(self) -> QWidget:
-        self.fused = PictureView(LEVEL)
+        self.fused = PictureView(LEVEL, bar=False)
         self.fused_words = QLabel(self.tr("The camera in grey under the radar in colour, once both have been seen"))
         self.fused_words.setProperty("role", "dim")
         tab = QWidget()
@@ -178,13 +189,12 @@ class LivePage(QWidget):
         if not self._here or self._frozen:
             return
         self._draw[self._tab_names[self.tabs.currentIndex()]]()
-        age = self.link.age_s()
-        if age is not None:
-            words = (
-                self.tr("{0:.0f} ms old").format(age * 1e3)
-                if age < 10
-                else self.tr("no news for {0:.0f} s").format(age)
-            )
+        old = self.link.age_s()
+        if old is not None and (self._bench.engine.busy or old < NEWS_S):
+            self._tell((self.tr("{0} old") if old < NEWS_S else self.tr("no news for {0}")).format(age(old)))
+
+    def _tell(self, words: str) -> None:
+        if words != self.state.text():
             self.state.setText(words)
 
     def _draw_ranges(self) -> None:
@@ -207,12 +217,15 @@ class LivePage(QWidget):
         found = self.link.newest(f"doppler.{self.doppler_channel.currentText()}")
         if found is not None:
             arrays = found.arrays
-            self.doppler.show_values(arrays["level_db"], arrays["range_m"], arrays["speed_m_s"])
+            level_db = arrays["level_db"]
+            limits = maps.level_limits(level_db)
+            self.doppler.show_values(level_db, arrays["range_m"], arrays["speed_m_s"], limits=limits)
 
     def _draw_sar(self) -> None:
         found = self.link.newest("sar")
         if found is not None:
             limits = float(found.values["low_db"]), float(found.values["high_db"])
+            self.sar_bar.show_limits(limits)
             for channel, level_db in zip(found.values["channels"], found.arrays["level_db"], strict=True):
                 self.sar[channel].show_values(level_db, found.arrays["x_m"], found.arrays["y_m"], limits=limits)
         colours = self.link.newest("pauli")
@@ -228,8 +241,7 @@ class LivePage(QWidget):
                     newest = found
         if newest is not None:
             image = newest.arrays["image"].astype(np.float32)
-            full = float(newest.values["full_scale"])
-            self.frame.show_values(image, limits=(0.0, full), marked=newest.arrays["saturated"] > 0)
+            self.frame.show_values(image, marked=newest.arrays["saturated"] > 0)
             share = float(newest.values["saturated_fraction"])
             words = self.tr("newest frame, {0:g}°").format(newest.values["angle_deg"])
             if share > 0:

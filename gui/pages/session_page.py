@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPlainTextEdit, QSlider, QVBoxLayout, QWidget
 
 from gui.models import background
-from gui.models.words import duration
+from gui.models.words import duration, moment, signed_db
 from gui.widgets.job_bar import JobBar
 from gui.widgets.layout import button, card, dim, heading, title
 from gui.workbench import Workbench
@@ -18,6 +18,8 @@ from polfuse_lab.jobs import Job, Prediction, predict_focus
 from polfuse_lab.session import info
 
 TOLERANCES_DB = (-20, -30, -40, -50, -60, -70, -80)
+METHODS = {"rma": "range migration", "pfa": "polar format", "bp": "back-projection",
+           "ffbp": "factorized back-projection", "reference": "exact back-projection"}  # fmt: skip
 SPEEDS = (0.5, 1.0, 2.0, 5.0, 20.0)
 
 
@@ -40,7 +42,14 @@ class SessionPage(QWidget):
         self.tolerance.setTickPosition(QSlider.TickPosition.TicksBelow)
         self.tolerance.setAccessibleName(self.tr("from fast to accurate"))
         self.tolerance.valueChanged.connect(lambda _: self._predict_soon())
-        self.prediction = dim("")
+        self.prediction = QLabel()
+        self.prediction.setProperty("role", "heading")
+        self.prediction.setWordWrap(True)
+        self.choice = dim("")
+        self.why = dim("")
+        self.why.hide()
+        self.why_button = button(self.tr("What else there was"), self._tell_why)
+        self.why_button.setCheckable(True)
         self.focus_button = button(self.tr("Focus"), self._focus, role="primary", key="Ctrl+F")
         self.optics_button = button(self.tr("Polarization pictures"), self._optics)
         self.speed = QComboBox()
@@ -60,7 +69,8 @@ class SessionPage(QWidget):
         play.addWidget(self.speed)
         play.addWidget(self.replay_button, 1)
         self.doings = QVBoxLayout()
-        self.doings.addWidget(card(heading(self.tr("Radar picture")), ends, self.prediction, self.focus_button))
+        self.doings.addWidget(card(heading(self.tr("Radar picture")), ends, self.prediction, self.choice,
+                                    self.why_button, self.why, self.focus_button))  # fmt: skip
         self.doings.addWidget(card(heading(self.tr("Camera")), self.optics_button))
         self.doings.addWidget(card(heading(self.tr("Replay")), play))
         self.doings.addStretch(1)
@@ -107,7 +117,7 @@ class SessionPage(QWidget):
     def _described(self, found: dict[str, Any]) -> None:
         sync = found["sync_rms_s"]
         lines = [
-            self.tr("begun {0}, {1} long, {2}").format(found["started"], duration(found["duration_s"]), found["state"]),
+            self.tr("begun {0}, {1} long, {2}").format(moment(found["started"]), duration(found["duration_s"]), found["state"]),
             self.tr("{0} positions, channels {1}").format(found["positions"], ", ".join(found["channels"]) or "–"),
             self.tr("{0} audio records, {1} camera frames").format(found["sweeps"], found["frames"]),
             self.tr("lost: {0} samples, {1} frames").format(found["samples_lost"], found["frames_lost"]),
@@ -130,7 +140,9 @@ class SessionPage(QWidget):
 
     def _predict_soon(self) -> None:
         self._predicted = False
-        self.prediction.setText(self.tr("error at most {0:g} dB: looking how…").format(self.tolerance_db))
+        self.prediction.setText(self.tr("Error at most {0} dB: looking how…").format(signed_db(self.tolerance_db)))
+        self.choice.setText("")
+        self.why.setText("")
         self._timer.start()
 
     def _predict(self) -> None:
@@ -142,14 +154,20 @@ class SessionPage(QWidget):
             if tolerance_db == self.tolerance_db:
                 self._predicted = True
                 self.prediction.setText(
-                    self.tr("{0}: error about {1:.0f} dB, takes about {2:.1f} s\n{3}").format(
-                        found.method, found.error_db, found.seconds, "; ".join(found.why)
+                    self.tr("Error about {0} dB, takes about {1:.1f} s").format(
+                        signed_db(found.error_db), found.seconds
                     )
                 )
+                first, *others = found.why or (METHODS[found.method],)
+                self.choice.setText(first)
+                self.why.setText("\n".join(f"\N{BULLET} {words}" for words in others))
 
         background.run(
             lambda: predict_focus(session, tolerance_db), done, lambda sentence, _: self.prediction.setText(sentence)
         )
+
+    def _tell_why(self) -> None:
+        self.why.setVisible(self.why_button.isChecked())
 
     def _focus(self) -> None:
         assert self._bench.session is not None

@@ -14,11 +14,13 @@ from gui.widgets.layout import button, card, dim, heading, title
 from gui.widgets.level_meter import LevelMeter
 from gui.widgets.picture_view import PictureView
 from gui.widgets.prompt_bar import PromptBar
+from gui.widgets.scope_view import ScopeView
 from gui.workbench import Workbench
 from polfuse_lab.bench import BenchClient, BenchStatus
 
 LIGHTS = {"ok": "ok", "warn": "warning", "bad": "bad", "busy": "busy", "off": "off"}
 JOGS_M = (-0.1, -0.01, 0.01, 0.1)
+SCOPE_PX = 130
 
 
 class SetupPage(QWidget):
@@ -54,14 +56,15 @@ class SetupPage(QWidget):
         middle = QVBoxLayout()
         middle.addWidget(self._radar_part())
         middle.addWidget(self._hand_part())
-        middle.addStretch(1)
+        middle.addWidget(self._scope_part(), 1)
         right = self._camera_part()
+        self._parts = (self.radar_card, self.hand_card, self.scope_card, self.camera_card)
         row = QHBoxLayout()
         row.addLayout(left, 5)
         row.addLayout(middle, 5)
         row.addWidget(right, 6)
         column = QVBoxLayout(self)
-        column.setContentsMargins(24, 20, 24, 16)
+        column.setContentsMargins(16, 16, 16, 12)
         column.addLayout(top)
         column.addWidget(self.prompts)
         column.addLayout(row, 1)
@@ -88,6 +91,11 @@ class SetupPage(QWidget):
             self.check_button.setEnabled(False)
             self.check_button.setText(self.tr("Checking…"))
             self.link.start(self._bench.rig)
+
+    @property
+    def seen(self) -> bool:
+        """Whether the camera's picture and the signals are shown."""
+        return self.picture.shows and self.scope.shows
 
     @property
     def all_ready(self) -> bool:
@@ -121,7 +129,8 @@ class SetupPage(QWidget):
         self.target.setToolTip(self.tr("Place along the rail; 0 is the aperture's centre"))
         self.jogs = QHBoxLayout()
         for step in JOGS_M:
-            self.jogs.addWidget(button(f"{step:+g} m", partial(self.link.ask, "jog", step)))
+            words = f"{100 * step:+.0f} cm".replace("-", "\N{MINUS SIGN}")
+            self.jogs.addWidget(button(words, partial(self.link.ask, "jog", step), role="compact"))
         move = QHBoxLayout()
         move.addWidget(self.target, 1)
         move.addWidget(button(self.tr("Go there"), lambda: self.link.ask("move_to", self.target.value())))
@@ -135,10 +144,30 @@ class SetupPage(QWidget):
         turn.addWidget(self.angle, 1)
         turn.addWidget(button(self.tr("Turn"), lambda: self.link.ask("turn", self.angle.value())))
         turn.addWidget(self.angle_words)
+        self.source_row = QWidget()
+        source = QHBoxLayout(self.source_row)
+        source.setContentsMargins(0, 0, 0, 0)
+        self.source_angle = QDoubleSpinBox()
+        self.source_angle.setRange(-360, 360)
+        self.source_angle.setSuffix(" °")
+        self.source_angle.setSingleStep(45)
+        self.source_words = QLabel("–")
+        source.addWidget(QLabel(self.tr("Light source")))
+        source.addWidget(self.source_angle, 1)
+        source.addWidget(button(self.tr("Turn"), lambda: self.link.ask("turn_source", self.source_angle.value())))
+        source.addWidget(self.source_words)
+        self.source_row.hide()
         self.hand_card = card(
-            heading(self.tr("Trolley")), self.place, self.jogs, move, heading(self.tr("Polarizer")), turn
+            heading(self.tr("Trolley")), self.place, self.jogs, move, heading(self.tr("Polarizer")), turn,
+            self.source_row,
         )
         return self.hand_card
+
+    def _scope_part(self) -> QWidget:
+        self.scope = ScopeView()
+        self.scope.setMinimumHeight(SCOPE_PX)
+        self.scope_card = card(self.scope)
+        return self.scope_card
 
     def _camera_part(self) -> QWidget:
         self.picture = PictureView(S0, ground=False)
@@ -146,9 +175,10 @@ class SetupPage(QWidget):
         self.exposure.setDecimals(3)
         self.exposure.setRange(0.001, 60_000)
         self.exposure.setSuffix(" ms")
+        self.exposure.setMinimumWidth(100)
         self.camera_words = dim("")
         row = QHBoxLayout()
-        row.addWidget(QLabel(self.tr("Exposure")))
+        self.exposure.setToolTip(self.tr("Exposure in milliseconds"))
         row.addWidget(self.exposure, 1)
         row.addWidget(button(self.tr("Set"), lambda: self.link.ask("expose", self.exposure.value() * 1e-3)))
         row.addWidget(button(self.tr("Find it"), lambda: self.link.ask("auto_expose"),
@@ -169,7 +199,7 @@ class SetupPage(QWidget):
         self._bench.live.open(client.live())
         self.check_button.setText(self.tr("Check the devices"))
         self.stop_button.setEnabled(True)
-        for part in (self.radar_card, self.hand_card, self.camera_card):
+        for part in self._parts:
             part.setEnabled(True)
         self.link.ask("camera", running=True)
 
@@ -180,7 +210,7 @@ class SetupPage(QWidget):
         self.prompts.show_prompts([])
         for shown in self.cards.values():
             shown.show_state("off")
-        for part in (self.radar_card, self.hand_card, self.camera_card):
+        for part in self._parts:
             part.setEnabled(False)
 
     def _show(self, status: BenchStatus) -> None:
@@ -198,6 +228,9 @@ class SetupPage(QWidget):
             self.channel_words.setText(f"{status.switches.channel}, {verified}")
         if status.polarizer is not None:
             self.angle_words.setText(f"{status.polarizer.angle_deg:.1f}°")
+        self.source_row.setVisible(status.source_polarizer is not None)
+        if status.source_polarizer is not None:
+            self.source_words.setText(f"{status.source_polarizer.angle_deg:.1f}°")
         camera = status.camera
         if camera is not None:
             share = camera.saturated_fraction
@@ -240,6 +273,9 @@ class SetupPage(QWidget):
             self.beat.show_level(levels.values["beat_peak"], levels.values["beat_rms"])
             self.sync.show_level(levels.values["sync_peak"], levels.values["sync_rms"])
             self.signal_words.setText(f"{levels.values['what']} {levels.values['mend']}".strip())
+        scope = live.newest("scope")
+        if scope is not None:
+            self.scope.show_signals(scope.arrays["t_s"], scope.arrays["beat"], scope.arrays["sync"])
         for stream in live.streams():
             if stream.startswith("camera."):
                 found = live.newest(stream)

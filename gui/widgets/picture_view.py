@@ -9,7 +9,8 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QRectF
-from PySide6.QtWidgets import QWidget
+from PySide6.QtGui import QBrush, QColor
+from PySide6.QtWidgets import QGraphicsRectItem, QWidget
 
 from gui import maps
 from gui.models.cursor import LinkedCursor
@@ -66,8 +67,13 @@ class PictureView(Plot):
         self.image = pg.ImageItem(axisOrder="row-major")
         self.image.setZValue(-10)
         self.item.addItem(self.image)
+        # Grey shows through where pixels are undefined, not beside the picture.
+        self._ground = QGraphicsRectItem()
+        self._ground.setBrush(QBrush(QColor(UNDEFINED)))
+        self._ground.setPen(pg.mkPen(None))
+        self._ground.setZValue(-20)
+        self.item.addItem(self._ground, ignoreBounds=True)
         view = self.item.vb
-        view.setBackgroundColor(UNDEFINED)
         view.setAspectLocked(square)
         view.invertY(not ground)
         self.bar = pg.ColorBarItem(
@@ -78,6 +84,7 @@ class PictureView(Plot):
         self._with_bar = bar
         if bar:
             self.bar.setImageItem(self.image, insert_in=self.item)
+            self.add_bar(self.bar)
         self.bar.sigLevelsChanged.connect(self._chosen)
 
     def show_values(
@@ -131,6 +138,15 @@ class PictureView(Plot):
         self.pointed.disconnect(self.show_cursor)
         self.pointed.connect(cursor.move)
         cursor.moved.connect(self.show_cursor)
+
+    @property
+    def chosen_limits(self) -> tuple[float, float] | None:
+        """Darkest and brightest value as chosen by hand; None: they follow the values."""
+        return self._limits
+
+    def choose_limits(self, limits: tuple[float, float] | None) -> None:
+        """Keep these limits, whatever values come; None: follow the values again."""
+        self._limits = limits
 
     def freeze(self, frozen: bool) -> None:
         """Keep what is shown, whatever comes."""
@@ -186,8 +202,10 @@ class PictureView(Plot):
         box = QRectF(left, bottom, width, height)
         if box != self._box:
             self._box = box
+            self._ground.setRect(box)
             self.item.setRange(box, padding=0.02)
         self.image.setRect(box)
+        self.filled()
 
     def _automatic(self, values: NDArray[np.floating]) -> tuple[float, float]:
         low, high = self.quantity.low, self.quantity.high

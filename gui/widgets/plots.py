@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pyqtgraph as pg
-from PySide6.QtCore import QPointF, Signal
+from PySide6.QtCore import QEvent, QPointF, Qt, Signal
 from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
 
 from gui import theme
@@ -11,6 +11,7 @@ from gui import theme
 LINE_PX = 2
 CURSOR = "#19d3e6"
 """Colour of the cross: seen on dark and on light pictures."""
+SIDES = ("bottom", "left")
 
 
 class Plot(QWidget):
@@ -21,8 +22,8 @@ class Plot(QWidget):
 
     def __init__(self, x_label: str, x_unit: str, y_label: str, y_unit: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        shown = theme.current()
-        self.graph = pg.PlotWidget(background=shown.panel)
+        self._bars: list[pg.ColorBarItem] = []
+        self.graph = pg.PlotWidget()
         self.item = self.graph.getPlotItem()
         self.item.setMenuEnabled(True)
         self.item.hideButtons()
@@ -32,8 +33,13 @@ class Plot(QWidget):
             # Units stand as they are given: nobody wants "mm" while a range passes 1 m.
             axis.enableAutoSIPrefix(False)
             axis.setLabel(f"{label} [{unit}]" if unit else label)
-            axis.setPen(shown.dim)
-            axis.setTextPen(shown.text)
+            axis.setStyle(showValues=False)
+        self._empty: QLabel | None = QLabel(self.tr("nothing to show yet"))
+        self._empty.setProperty("role", "dim")
+        self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self._empty.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        over = QVBoxLayout(self.graph)
+        over.addWidget(self._empty)
         self.readout = QLabel(" ")
         self.readout.setProperty("role", "dim")
         column = QVBoxLayout(self)
@@ -47,6 +53,23 @@ class Plot(QWidget):
             self.item.addItem(line, ignoreBounds=True)
         self._proxy = pg.SignalProxy(self.graph.scene().sigMouseMoved, rateLimit=60, slot=self._mouse)
         self.pointed.connect(self.show_cursor)
+        self.dress()
+
+    def dress(self) -> None:
+        """Take on the colours of the theme."""
+        shown = theme.current()
+        self.graph.setBackground(shown.panel)
+        for axis in (*(self.item.getAxis(side) for side in SIDES), *(bar.axis for bar in self._bars)):
+            axis.setPen(shown.dim)
+            axis.setTextPen(shown.text)
+        label = self.item.titleLabel
+        label.setText(label.text, color=shown.text)
+
+    def changeEvent(self, event: QEvent) -> None:  # noqa: N802 - Qt's name
+        """Another theme was chosen."""
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.PaletteChange and hasattr(self, "_proxy"):
+            self.dress()
 
     def show_cursor(self, place: tuple[float, float] | None) -> None:
         """Show the cross at a place of the axes and tell what is there."""
@@ -58,6 +81,24 @@ class Plot(QWidget):
     def describe(self, x: float, y: float) -> str:
         """What is at a place, with units."""
         return f"{x:.3g}, {y:.3g}"
+
+    def filled(self) -> None:
+        """The first data have come: the axes mean something now."""
+        if self._empty is not None:
+            self._empty.deleteLater()
+            self._empty = None
+            for side in SIDES:
+                self.item.getAxis(side).setStyle(showValues=True)
+
+    @property
+    def shows(self) -> bool:
+        """Whether there is anything to see."""
+        return self._empty is None
+
+    def add_bar(self, bar: pg.ColorBarItem) -> None:
+        """A colour bar that takes on the theme with the plot."""
+        self._bars.append(bar)
+        self.dress()
 
     def _mouse(self, event: tuple[QPointF]) -> None:
         at = event[0]

@@ -9,10 +9,12 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtWidgets import QWidget
 
-from gui import theme
+from gui import maps, theme
 from gui.widgets.plots import LINE_PX, Plot
 
 CHANNELS = ("HH", "HV", "VH", "VV")
+ROOM_DB = 10.0
+"""Free room above and below the curves, and the step in which the scale follows them."""
 
 
 class ProfileView(Plot):
@@ -21,19 +23,39 @@ class ProfileView(Plot):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__("range", "m", "level", "dBFS", parent)
         self.item.showGrid(x=True, y=True, alpha=0.25)
-        self.item.addLegend(offset=(-8, 8), labelTextColor=theme.current().text)
+        self._legend = self.item.addLegend(offset=(-8, 8), labelTextColor=theme.current().text)
         self._curves: dict[str, pg.PlotDataItem] = {}
+        self._scale = (0.0, 0.0)
         self._data: dict[str, tuple[float, NDArray[np.float32]]] = {}
 
     def show_profile(self, channel: str, step_m: float, level_db: NDArray[np.float32]) -> None:
         """Show a channel's newest profile; bin i is at ``i * step_m``."""
         if channel not in self._curves:
-            order = CHANNELS.index(channel) if channel in CHANNELS else len(self._curves)
-            colours = theme.current().curves
-            pen = pg.mkPen(colours[order % len(colours)], width=LINE_PX)
-            self._curves[channel] = self.item.plot(name=channel, pen=pen, connect="finite")
+            self._curves[channel] = self.item.plot(name=channel, pen=_pen(channel, len(self._curves)), connect="finite")
+            self.filled()
         self._data[channel] = step_m, level_db
-        self._curves[channel].setData(np.arange(len(level_db)) * step_m, level_db)
+        # A level of nothing at all (the range that the filter takes away) has no place on the scale.
+        shown = np.where(level_db > maps.NOTHING_DB, level_db, np.nan)
+        self._curves[channel].setData(np.arange(len(level_db)) * step_m, shown)
+        self._follow()
+
+    def dress(self) -> None:
+        """Take on the colours of the theme."""
+        super().dress()
+        for number, (channel, curve) in enumerate(getattr(self, "_curves", {}).items()):
+            curve.setPen(_pen(channel, number))
+        if hasattr(self, "_legend"):
+            self._legend.setLabelTextColor(theme.current().text)
+
+    def _follow(self) -> None:
+        """Keep all curves in sight; the scale moves in steps, so that it does not dance."""
+        levels = np.concatenate([level_db for _, level_db in self._data.values()])
+        low, high = maps.percentile_levels(np.where(levels > maps.NOTHING_DB, levels, np.nan), 0.5, 100.0)
+        scale = (np.floor(low / ROOM_DB - 0.5) * ROOM_DB, np.ceil(high / ROOM_DB + 0.5) * ROOM_DB)
+        before_low, before_high = self._scale
+        if not (before_low < low and high < before_high and before_high - before_low < 2 * (scale[1] - scale[0])):
+            self._scale = scale
+            self.item.setYRange(*scale, padding=0.0)
 
     def show_range(self, place: tuple[float, float] | None) -> None:
         """Show the range that a view beside this one points at."""
@@ -47,6 +69,12 @@ class ProfileView(Plot):
             if 0 <= bin_ < len(level_db):
                 parts.append(f"{channel} {level_db[bin_]:.1f} dBFS")
         return "   ".join(parts)
+
+
+def _pen(channel: str, number: int) -> object:
+    colours = theme.current().curves
+    order = CHANNELS.index(channel) if channel in CHANNELS else number
+    return pg.mkPen(colours[order % len(colours)], width=LINE_PX)
 
 
 def demo_profile(seed: int, reach_m: float = 60.0, step_m: float = 0.47) -> NDArray[np.float32]:

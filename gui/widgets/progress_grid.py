@@ -19,6 +19,7 @@ class ProgressGrid(QWidget):
         self._channels: tuple[str, ...] = ()
         self._positions = 0
         self._states: dict[tuple[int, str], str] = {}
+        self._reached = 0
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setMouseTracking(True)
 
@@ -26,6 +27,7 @@ class ProgressGrid(QWidget):
         """A new collect of so many positions."""
         self._positions, self._channels = positions, channels
         self._states.clear()
+        self._reached = 0
         self.updateGeometry()
         self.update()
 
@@ -35,12 +37,26 @@ class ProgressGrid(QWidget):
             for place, known in self._states.items():
                 if known == "now" and place != (position, channel):
                     self._states[place] = "done"
+            # Positions are collected in their order; what went by between two looks is done as well.
+            for earlier in range(self._reached, position):
+                for other in self._channels:
+                    self._states.setdefault((earlier, other), "done")
+            self._reached = max(self._reached, position)
         if self._states.get((position, channel)) != state:
             self._states[position, channel] = state
             self.update()
 
-    def finish(self) -> None:
-        """Nothing is being recorded any more."""
+    @property
+    def positions(self) -> int:
+        """How many positions there are."""
+        return self._positions
+
+    def finish(self, whole: bool = False) -> None:
+        """Nothing is being recorded any more; ``whole``: nothing is missing."""
+        if whole:
+            for position in range(self._positions):
+                for channel in self._channels:
+                    self._states.setdefault((position, channel), "done")
         self._states = {place: "done" if state == "now" else state for place, state in self._states.items()}
         self.update()
 

@@ -13,40 +13,44 @@ from PySide6.QtWidgets import QWidget
 from gui import maps
 from gui.widgets.plots import Plot
 
+SETTLE_DB = 3.0
+"""The scale follows the levels in steps of this, so that it does not dance."""
+
 
 class WaterfallView(Plot):
     """The last profiles as a picture: range to the right, lines downwards into the past.
 
     Args:
         lines: how many profiles are kept.
-        low_db: darkest level; levels below it are as dark.
-        high_db: brightest.
     """
 
-    def __init__(
-        self, lines: int = 300, low_db: float = -90.0, high_db: float = -20.0, parent: QWidget | None = None
-    ) -> None:
+    def __init__(self, lines: int = 300, parent: QWidget | None = None) -> None:
         super().__init__("range", "m", "profiles ago", "", parent)
-        self._lines_kept, self._low, self._high = lines, low_db, high_db
-        self._ring: NDArray[np.uint8] | None = None
+        self._lines_kept = lines
+        self._ring: NDArray[np.float32] | None = None
         self._next = self._held = 0
         self._step_m = 1.0
+        self._levels = (0.0, 0.0)
+        self._limits: tuple[float, float] | None = None
         self.image = pg.ImageItem(axisOrder="row-major")
         self.image.setLookupTable(maps.lookup(maps.SEQUENTIAL))
         self.image.setZValue(-10)
         self.item.addItem(self.image)
         self.item.vb.invertY(True)
-        self.item.vb.setBackgroundColor("#000000")
+        self.bar = pg.ColorBarItem(colorMap=maps.colour_map(maps.SEQUENTIAL), label="level [dBFS]", width=16)
+        self.bar.setImageItem(self.image, insert_in=self.item)
+        self.add_bar(self.bar)
+        self.bar.sigLevelsChanged.connect(self._chosen)
 
     def add(self, step_m: float, level_db: NDArray[np.float32]) -> None:
         """Add a profile; one of another length or step begins anew."""
         if self._ring is None or self._ring.shape[1] != len(level_db) or step_m != self._step_m:
-            self._ring = np.zeros((self._lines_kept, len(level_db)), np.uint8)
+            self._ring = np.full((self._lines_kept, len(level_db)), np.nan, np.float32)
             self._next = self._held = 0
             self._step_m = step_m
             self.item.setRange(QRectF(0, 0, len(level_db) * step_m, self._lines_kept), padding=0)
-        scaled = (level_db - self._low) * (255 / (self._high - self._low))
-        self._ring[self._next] = np.nan_to_num(np.clip(scaled, 0, 255))
+            self.filled()
+        self._ring[self._next] = level_db
         self._next = (self._next + 1) % self._lines_kept
         self._held = min(self._held + 1, self._lines_kept)
 
@@ -64,7 +68,14 @@ class WaterfallView(Plot):
         if self._ring is None:
             return
         newest_first = np.concatenate([self._ring[: self._next][::-1], self._ring[self._next :][::-1]])
-        self.image.setImage(newest_first, autoLevels=False, levels=(0, 255))
+        if self._limits is None:
+            levels = maps.level_limits(newest_first[: self._held])
+            if max(abs(now - before) for now, before in zip(levels, self._levels, strict=True)) > SETTLE_DB:
+                self._levels = levels
+                self.bar.blockSignals(True)
+                self.bar.setLevels(levels)
+                self.bar.blockSignals(False)
+        self.image.setImage(newest_first, autoLevels=False, levels=self._levels)
         self.image.setRect(QRectF(0, 0, self._ring.shape[1] * self._step_m, self._lines_kept))
 
     def describe(self, x: float, y: float) -> str:
@@ -73,8 +84,12 @@ class WaterfallView(Plot):
         where = self.tr("range {0:.2f} m, {1} profiles ago").format(x, line)
         if self._ring is None or not (0 <= line < self._held and 0 <= bin_ < self._ring.shape[1]):
             return where
-        value = int(self._ring[(self._next - 1 - line) % self._lines_kept, bin_])
-        return f"{where}   {self._low + value * (self._high - self._low) / 255:.0f} dBFS"
+        value = float(self._ring[(self._next - 1 - line) % self._lines_kept, bin_])
+        return f"{where}   {value:.1f} dBFS"
+
+    def _chosen(self) -> None:
+        low, high = self.bar.levels()
+        self._levels = self._limits = float(low), float(high)
 
 
 def _demo() -> QWidget:

@@ -34,15 +34,15 @@ class Overlay:
         self._at = 0.0
         self._error: tuple[ImageGrid, float] | None = None
 
-    def show(self, formed: Formed | None, polarized: Polarized | None) -> None:
-        """Make the picture when either has changed, not too often."""
+    def show(self, formed: Formed | None, polarized: Polarized | None, *, now: bool = False) -> None:
+        """Make the picture when either has changed; not too often, unless ``now``."""
         if formed is None or polarized is None or self._camera is None:
             return
         news = formed.t_sample_ns, polarized.t_sample_ns
-        now = time.monotonic()
-        if news == self._done or now - self._at < EVERY_S:
+        at = time.monotonic()
+        if news == self._done or (at - self._at < EVERY_S and not now):
             return
-        self._done, self._at = news, now
+        self._done, self._at = news, at
         grid, image = formed.grid, polarized.image
         u, v = ground_to_camera(self._camera, grid.x_m, grid.y_m, grid.z_m)
         # From pixels of the sensor to those of the picture, whose centres are whole numbers too.

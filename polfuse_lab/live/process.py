@@ -75,6 +75,8 @@ class LiveProcess:
         self._polarized: Any = None
         self._begun = time.monotonic()
         self._ended = False
+        self._last: set[str] = set()
+        """Threads that look once more and end."""
         self._wakes = {name: threading.Event() for name in ("radar", "camera", "image")}
         self._threads = [
             threading.Thread(target=self._work, args=(name, work), name=f"live {name}", daemon=True)
@@ -126,10 +128,14 @@ class LiveProcess:
         while (self._audio or self._records or self._frames) and time.monotonic() < end:
             time.sleep(0.01)
         self._ended = True
-        for wake in self._wakes.values():
-            wake.set()
-        for thread in self._threads:
-            thread.join(max(end - time.monotonic(), 1))
+        # The image comes last: radar over camera is made of what the camera's thread ends with.
+        for names in (("radar", "camera"), ("image",)):
+            self._last.update(names)
+            for name in names:
+                self._wakes[name].set()
+            for thread in self._threads:
+                if thread.name.removeprefix("live ") in names:
+                    thread.join(max(end - time.monotonic(), 1))
         self.board.close()
 
     def _work(self, name: str, work: Callable[[], None]) -> None:
@@ -138,7 +144,7 @@ class LiveProcess:
         while not last:
             wake.wait(0.25)
             wake.clear()
-            last = self._ended  # after which it looks once more: what was taken in last is shown
+            last = name in self._last  # after which it looks once more: what was taken in last is shown
             try:
                 work()
             except DataError:
@@ -228,7 +234,7 @@ class LiveProcess:
                 elif isinstance(record, Sweeps):
                     former.take(record)
             former.show(now=self._ended)
-            overlay.show(former.formed, self._polarized)
+            overlay.show(former.formed, self._polarized, now=self._ended)
 
         return work
 

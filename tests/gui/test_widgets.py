@@ -210,12 +210,12 @@ def test_what_is_frozen_stays(qtbot) -> None:
 
 
 def test_the_waterfall_has_the_newest_line_on_top(qtbot) -> None:
-    view = shown(qtbot, WaterfallView(lines=50, low_db=-100, high_db=0))
+    view = shown(qtbot, WaterfallView(lines=50))
     for level in (-80.0, -20.0):
         view.add(0.5, np.full(64, level, np.float32))
     view.refresh()
-    assert view.describe(3.0, 0.5).endswith("-20 dBFS")
-    assert view.describe(3.0, 1.5).endswith("-80 dBFS")
+    assert view.describe(3.0, 0.5).endswith("-20.0 dBFS")
+    assert view.describe(3.0, 1.5).endswith("-80.0 dBFS")
     assert view.describe(3.0, 2.5).endswith("profiles ago")
     view.add(0.25, np.full(64, -50.0, np.float32))  # another rig: begins anew
     view.refresh()
