@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from pathlib import Path
@@ -32,9 +33,7 @@ from polfuse_lab.products.visits import target_positions
 from polfuse_lab.session import Session, open_session
 from polfuse_lab.session.runs import gapless_runs
 from processing.radar.profiles import RangeProfiles
-from processing.sar.aperture import (
-    alias_free_angle_rad,
-)
+from processing.sar.aperture import alias_free_angle_rad
 from processing.sar.footprint import ImageFlag, footprint_flags
 from processing.sar.grid import Grid, ImageGrid
 from processing.sar.planner import choose, explain
@@ -171,63 +170,70 @@ def focus(
         PolfuseError: the session cannot be focused (no rig, one position, nothing usable), or files fail.
         DataError: wrong method, window or tolerance, or range migration on an uneven rail.
     """
-    if not isinstance(session, Session):
-        with open_session(session) as opened:
-            return focus(
-                opened,
-                products_path,
-                method=method,
-                tolerance_db=tolerance_db,
-                grid=grid,
-                window=window,
-                aperture=aperture,
-                oversampling=oversampling,
-                compensate_pattern=compensate_pattern,
-                sky=sky,
-                peaks=peaks,
-                target=target,
-                autofocus=autofocus,
-                scale=scale,
-            )
-    if holds_history(session):
-        if scale is not None:
-            raise PolfuseError(
-                "holds a phase history, which is focused in one piece",
-                where=str(session.path),
-                advice="leave limits of memory, tiles and --dask out",
-            )
-        if sky is not None or target is not None:
-            raise PolfuseError(
-                "holds a phase history, which has no sky session and no calibration targets", where=str(session.path),
-                advice="leave these options out",
+    with contextlib.ExitStack() as stack:
+        if not isinstance(session, Session):
+            session = stack.enter_context(open_session(session))
+        if not holds_history(session):
+            window, aperture = window or "hann", aperture or "rectangular"
+            return _focus_rail(
+                session, products_path, method, tolerance_db, grid, window, aperture, oversampling, compensate_pattern,
+                sky, peaks, target, autofocus, scale,
             )  # fmt: skip
-        if autofocus is not None:
-            raise PolfuseError(
-                "holds a phase history, which is focused with the places that its import told",
-                where=str(session.path),
-                advice="leave --autofocus out",
-            )
-        if grid is not None and not isinstance(grid, ImageGrid):
-            raise PolfuseError(
-                "holds a phase history, which is focused onto a plane", where=str(session.path),
-                advice="leave polar grids and heights out",
-            )  # fmt: skip
+        plane = _plane_of_history(session, grid, sky=sky, target=target, autofocus=autofocus, scale=scale)
         given = {"window": window, "aperture": aperture, "oversampling": oversampling}
         chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
         return focus_history(
-            session, products_path, method=method, tolerance_db=tolerance_db, grid=grid, peaks=peaks, **chosen
+            session, products_path, method=method, tolerance_db=tolerance_db, grid=plane, peaks=peaks, **chosen
         )
-    window, aperture = window or "hann", aperture or "rectangular"
+
+
+def _plane_of_history(session: Session, grid: Grid | None, **options: object) -> ImageGrid | None:
+    """The grid, which a phase history wants to be plane. Raises :class:`PolfuseError` for what does not go with one."""
+    advice = {
+        "scale": ("is focused in one piece", "leave limits of memory, tiles and --dask out"),
+        "sky": ("has no sky session", "leave the sky out"),
+        "target": ("has no calibration targets", "leave the target out"),
+        "autofocus": ("is focused with the places that its import told", "leave --autofocus out"),
+    }
+    for name, (why, what) in advice.items():
+        if options[name] is not None:
+            raise PolfuseError(f"holds a phase history, which {why}", where=str(session.path), advice=what)
+    if grid is None or isinstance(grid, ImageGrid):
+        return grid
+    raise PolfuseError(
+        "holds a phase history, which is focused onto a plane",
+        where=str(session.path),
+        advice="leave polar grids and heights out",
+    )
+
+
+def _in_one_piece(reason: str, where: str) -> PolfuseError:
+    return PolfuseError(reason, where=where, advice="leave limits of memory, tiles and --dask out, or focus without it")
+
+
+def _focus_rail(
+    session: Session,
+    products_path: Path | str,
+    method: str,
+    tolerance_db: float,
+    grid: Grid | None,
+    window: str,
+    aperture: str,
+    oversampling: int | None,
+    compensate_pattern: bool,
+    sky: Path | str | None,
+    peaks: int,
+    target: str | None,
+    autofocus: str | None,
+    scale: Scale | None,
+) -> FocusResult:
+    """A session that was collected along a rail."""
     begun = time.perf_counter()
     form_on: Grid = default_grid(session) if grid is None else grid
     grid = plane_of(form_on)
     if grid is not form_on:
         if scale is not None:
-            raise PolfuseError(
-                "polar images and heights are focused in one piece",
-                where="image grid",
-                advice="leave limits of memory, tiles and --dask out",
-            )
+            raise _in_one_piece("polar images and heights are focused in one piece", "image grid")
         method = "bp" if method == "auto" else method
     rig = session.rig
     if rig is None:
@@ -240,11 +246,7 @@ def focus(
         scale = focus_tiles.Scale()
     if scale is not None:
         if autofocus is not None:
-            raise PolfuseError(
-                "autofocus looks at the whole image at once",
-                where="autofocus",
-                advice="leave it out, or focus in one piece",
-            )
+            raise _in_one_piece("autofocus looks at the whole image at once", "autofocus")
         return focus_tiles.focus_in_tiles(
             session,
             products_path,
