@@ -35,12 +35,15 @@ from processing.simd import (
 FEW = 6
 """Pulses up to which this kernel is the faster one."""
 
+RUN = 64
+"""Patches in a row whose sums are held until they are added to the image, in the core's caches."""
+
 PERMUTES = simd.PERMUTES
 
 _narrow, _wide, _anywhere = sampler(16, 0), sampler(32, 0), sampler(0, 0)
 
 
-@njit(**STRICT)
+@njit(**INSIDE)
 def _places(pixel: Any, ground: Any, row: int, column: int, pixels: Any) -> None:
     """x, y and z of a patch's pixels, sixteen each; those beyond the grid repeat its edge."""
     x, y, z = pixel
@@ -67,13 +70,8 @@ def _row(places: Any, first: int, step: int, pixels: Any, to: int) -> None:
 
 
 @njit(**STRICT)
-def _put(
-    ground: Any, width: int, row: int, column: int, whole: bool, re: Any, im: Any, parts: Any, first: int, spare: Any
-) -> None:
-    """Add complex numbers to the image's pixels of a patch; ``first`` is the channel's first pixel."""
-    if whole:
-        add_pairs(parts, 2 * (first + (ground.first_row + row) * width + column), re, im)
-        return
+def _put(ground: Any, width: int, row: int, column: int, re: Any, im: Any, parts: Any, first: int, spare: Any) -> None:
+    """Add complex numbers to those pixels of a patch that are in the image; ``first`` is the channel's first pixel."""
     across = ground.across
     store(spare, 0, re)
     store(spare, 16, im)
@@ -86,14 +84,8 @@ def _put(
 
 
 @njit(**STRICT)
-def _put_gain(
-    ground: Any, width: int, row: int, column: int, whole: bool, gain: Any, gains: Any, first: int, spare: Any
-) -> None:
+def _put_gain(ground: Any, width: int, row: int, column: int, gain: Any, gains: Any, first: int, spare: Any) -> None:
     """As :func:`_put` for squared gains, of which there is one number for each pixel."""
-    if whole:
-        to = first + (ground.first_row + row) * width + column
-        store(gains, to, load(gains, to) + gain)
-        return
     across = ground.across
     store(spare, 0, gain)
     for lane in range(16):
@@ -114,42 +106,71 @@ def add_few(
     height, width = total.shape[1], ground.columns
     parts, flat_gains = total.reshape(-1).view(np.float32), gains.reshape(-1)
     powers, degree, stride = 2 * (layout.degree + 1), layout.degree, layout.stride
-    sets = weights.shape[0] if signal.exponent > 0 else 0
+    channels, sets = layout.channels, weights.shape[0] if signal.exponent > 0 else 0
     lowest, highest = splat(np.float32(-MARGIN)), splat(np.float32(layout.bins + MARGIN - 2))
+    none = splat(np.float32(0))
     for band in prange((ground.rows + down - 1) // down):
         row = band * down
         pixels, spare = np.empty(48), np.empty(32, np.float32)
-        for column in range(0, width, ground.across):
-            whole = ground.across == 16 and column + 16 <= width
-            _places(pixel, ground, row, column, pixels)
-            x, y, z = load(pixels, 0), load(pixels, 16), load(pixels, 32)
-            for p in range(pulses):
-                seen, turns, cosine = seen_exactly(x, y, z, p, step, track, signal)
-                place = (seen - splat(track[9 * step + p])) * splat(signal.bins_per_m) - splat(0.5)
-                nearest = rint(place)
-                beyond = to_float32(place - nearest)
-                n = minimum(maximum(to_float32(nearest), lowest), highest)
-                c, s = turned_exactly(to_float32(turns - rint(turns)))
-                if signal.exponent > 0:
-                    gain = power(cosine, np.float32(signal.exponent))
-                    c, s = c * gain, s * gain
-                    for k in range(sets):
-                        added = gain * gain * splat(weights[k, p])
-                        _put_gain(ground, width, row, column, whole, added, flat_gains, k * height * width, spare)
-                first = smallest(n)
-                apart = largest(n) - first
-                # Windows end within the table.
-                room = np.float32(16) if apart < np.float32(16) else np.float32(32)
-                first = min(first, np.float32(layout.bins + MARGIN - 1) - room)
-                bits = n - splat(first) + splat(INDEX_BITS)
-                at = p * layout.channels * powers * stride + MARGIN + int(first)
-                for channel in range(layout.channels):
-                    if PERMUTES and apart < np.float32(16):
-                        vr, vi = _narrow(table, at, stride, degree, bits, beyond)
-                    elif PERMUTES and apart < np.float32(32):
-                        vr, vi = _wide(table, at, stride, degree, bits, beyond)
+        patches = min(RUN, (width + ground.across - 1) // ground.across)
+        sums, squares = np.empty(channels * patches * 32, np.float32), np.empty(sets * patches * 16, np.float32)
+        for begin in range(0, width, patches * ground.across):
+            count = min(patches, (width - begin + ground.across - 1) // ground.across)
+            for patch in range(count):
+                _places(pixel, ground, row, begin + patch * ground.across, pixels)
+                x, y, z = load(pixels, 0), load(pixels, 16), load(pixels, 32)
+                for p in range(pulses):
+                    seen, turns, cosine = seen_exactly(x, y, z, p, step, track, signal)
+                    place = (seen - splat(track[9 * step + p])) * splat(signal.bins_per_m) - splat(0.5)
+                    nearest = rint(place)
+                    beyond = to_float32(place - nearest)
+                    n = minimum(maximum(to_float32(nearest), lowest), highest)
+                    c, s = turned_exactly(to_float32(turns - rint(turns)))
+                    if signal.exponent > 0:
+                        gain = power(cosine, np.float32(signal.exponent))
+                        c, s = c * gain, s * gain
+                        for k in range(sets):
+                            to = (k * patches + patch) * 16
+                            before = load(squares, to) if p else none
+                            store(squares, to, fma(gain * gain, splat(weights[k, p]), before))
+                    first = smallest(n)
+                    apart = largest(n) - first
+                    # Windows end within the table.
+                    room = np.float32(16) if apart < np.float32(16) else np.float32(32)
+                    first = min(first, np.float32(layout.bins + MARGIN - 1) - room)
+                    bits = n - splat(first) + splat(INDEX_BITS)
+                    at = p * channels * powers * stride + MARGIN + int(first)
+                    for channel in range(channels):
+                        if PERMUTES and apart < np.float32(16):
+                            vr, vi = _narrow(table, at, stride, degree, bits, beyond)
+                        elif PERMUTES and apart < np.float32(32):
+                            vr, vi = _wide(table, at, stride, degree, bits, beyond)
+                        else:
+                            vr, vi = _anywhere(table, at, stride, degree, bits, beyond)
+                        to = (channel * patches + patch) * 32
+                        re, im = (load(sums, to), load(sums, to + 16)) if p else (none, none)
+                        store(sums, to, fma(vr, c, fma(-vi, s, re)))
+                        store(sums, to + 16, fma(vr, s, fma(vi, c, im)))
+                        at += powers * stride
+            # One channel after another: planes that lie a multiple of 4 KiB apart slow each other's stores down.
+            for channel in range(channels):
+                for patch in range(count):
+                    column, at = begin + patch * ground.across, (channel * patches + patch) * 32
+                    whole = ground.across == 16 and column + 16 <= width
+                    re, im = load(sums, at), load(sums, at + 16)
+                    # Here and not in a function: handing arrays over would take longer than adding.
+                    if whole:
+                        to = (channel * height + ground.first_row + row) * width + column
+                        add_pairs(parts, 2 * to, re, im)
                     else:
-                        vr, vi = _anywhere(table, at, stride, degree, bits, beyond)
-                    re, im = fma(vr, c, -vi * s), fma(vr, s, vi * c)
-                    _put(ground, width, row, column, whole, re, im, parts, channel * height * width, spare)
-                    at += powers * stride
+                        _put(ground, width, row, column, re, im, parts, channel * height * width, spare)
+            for k in range(sets):
+                for patch in range(count):
+                    column = begin + patch * ground.across
+                    whole = ground.across == 16 and column + 16 <= width
+                    added = load(squares, (k * patches + patch) * 16)
+                    if whole:
+                        to = (k * height + ground.first_row + row) * width + column
+                        store(flat_gains, to, load(flat_gains, to) + added)
+                    else:
+                        _put_gain(ground, width, row, column, added, flat_gains, k * height * width, spare)
