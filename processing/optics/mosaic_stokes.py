@@ -7,11 +7,11 @@ For the live view and for whole recordings: no error planes (:func:`processing.o
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -19,17 +19,21 @@ from processing.errors import DataError
 from processing.optics.analyser import transmittances
 from processing.optics.demosaic import demosaic_reference
 from processing.optics.mosaic import ANGLES_DEG, Mosaic, check_mosaic_image
-from processing.simd import LANES, fma, load, splat, sqrt, store, to_float32, to_float64, where_positive
+from processing.optics.mosaic_kernel import weighted_band, whole_band
+from processing.simd import LANES, STREAM_BYTES
 
 Floats = NDArray[np.float64]
 
 PLANES = ("s0", "s1", "s2", "dolp", "aop")
 """Order of the planes that both implementations fill."""
 
-_TAN_EIGHTH = np.float32(math.tan(math.pi / 8))
-_QUARTER, _HALF, _WHOLE = np.float32(math.pi / 4), np.float32(math.pi / 2), np.float32(math.pi)
-_ABOVE_LOWEST = np.nextafter(-_HALF, np.float32(0))
-_NAN = np.float32(np.nan)
+STREAMED_BYTES = 1 << 25
+"""Results that are larger go past the caches, which would not keep them until they are read."""
+
+_LEAST_GAIN = 1e-6
+"""Of S beside the counts, and its inverse: between them the squares of differences neither vanish nor overflow."""
+
+_SUMS = np.array([[0.5, 0.5, 0.5, 0.5], [1.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]])
 
 
 def ideal_solution(extinction_ratio: float = math.inf) -> Floats:
@@ -38,8 +42,7 @@ def ideal_solution(extinction_ratio: float = math.inf) -> Floats:
     The least-squares solution in closed form: its zeros are exact, so that equal intensities give S1 = S2 = 0.
     """
     q, r = transmittances(extinction_ratio)
-    sums = np.array([[0.5, 0.5, 0.5, 0.5], [1.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]])
-    solution: Floats = sums / np.array([[q + r], [q - r], [q - r]])
+    solution: Floats = _SUMS / np.array([[q + r], [q - r], [q - r]])
     return solution
 
 
@@ -105,16 +108,11 @@ def mosaic_stokes(
     if threads < 1:
         raise DataError(f"{threads} threads", "give 1 or more")
     if out is None:
-        out = np.empty((len(PLANES), *image.shape), dtype=np.float32)
+        out = _aligned((len(PLANES), *image.shape))
     elif out.shape != (len(PLANES), *image.shape) or out.dtype != np.float32 or not out.flags.c_contiguous:
         raise DataError(
             f"the array to fill is {out.dtype} {out.shape}", f"give contiguous float32 {(len(PLANES), *image.shape)}"
         )
-    # By the row's parity, [row, S, place]: the angles in the row at even and odd columns, then those in its neighbours.
-    by_row = np.empty((2, 3, 4))
-    for column, angle in enumerate(ANGLES_DEG):
-        i, k = mosaic.place(angle)
-        by_row[i, :, k] = by_row[1 - i, :, 2 + k] = weights[:, column]
     rows, columns = image.shape
     if columns < LANES:
         # Mirrored to where a vector ends: as at the border, the columns' parity goes on.
@@ -123,12 +121,75 @@ def mosaic_stokes(
             wide, mosaic, solution=weights, black_level=black_level, saturation=saturation, threads=threads
         )[..., :columns]
         return out
-    frame, offset = np.ascontiguousarray(image), black_level * weights.sum(axis=1)
+    work = _work(np.ascontiguousarray(image), mosaic, weights, black_level, saturation, out)
     bands = [(rows * band // threads, rows * (band + 1) // threads) for band in range(threads)]
     with ThreadPoolExecutor(threads) if threads > 1 else nullcontext() as pool:
         run = map if pool is None else pool.map
-        list(run(lambda band: _band(frame, by_row, offset, saturation, band[0], band[1], out), bands))
+        list(run(lambda band: work(*band), bands))
     return out
+
+
+def _aligned(shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """An empty array that begins where :func:`processing.simd.stream` may write."""
+    more = STREAM_BYTES // 4
+    space = np.empty(math.prod(shape) + more, dtype=np.float32)
+    begin = -space.ctypes.data % STREAM_BYTES // 4
+    return space[begin : begin + math.prod(shape)].reshape(shape)
+
+
+def _work(
+    frame: NDArray[Any],
+    mosaic: Mosaic,
+    weights: Floats,
+    black_level: float,
+    saturation: float,
+    out: NDArray[np.float32],
+) -> Callable[[int, int], None]:
+    """What fills rows from one to another: by sums and differences where float32 holds them exactly."""
+    gains = np.array([2 * weights[0, 0], weights[1, 0], weights[2, 1]])
+    usual = bool(np.all((np.abs(gains) > _LEAST_GAIN) & (np.abs(gains) < 1 / _LEAST_GAIN)))
+    plain = frame.dtype != np.float32 and abs(black_level) < 65536 and np.array_equal(weights, gains[:, None] * _SUMS)
+    if not (plain and usual):
+        by_row = _by_row(mosaic, weights)
+        offset = black_level * weights.sum(axis=1)
+        return lambda first, end: weighted_band(frame, by_row, offset, saturation, first, end, out)
+    lanes, shares = _signs(mosaic, gains)
+    four = 4 * black_level
+    coarse = round(four * 4) / 4
+    level = np.array([coarse, four - coarse, weights[0, 0]], dtype=np.float32)
+    places = (out.ctypes.data, *out.strides[:2])
+    streamed = out.nbytes > STREAMED_BYTES and all(place % STREAM_BYTES == 0 for place in places)
+    return lambda first, end: whole_band(frame, lanes, shares, level, saturation, first, end, streamed, out)
+
+
+def _by_row(mosaic: Mosaic, weights: Floats) -> Floats:
+    """(2, 3, 4) by the row's parity: weights of the angles in it at even and odd columns, and of its neighbours'."""
+    by_row = np.empty((2, 3, 4))
+    for column, angle in enumerate(ANGLES_DEG):
+        i, k = mosaic.place(angle)
+        by_row[i, :, k] = by_row[1 - i, :, 2 + k] = weights[:, column]
+    return by_row
+
+
+def _signs(mosaic: Mosaic, gains: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """``lanes`` and ``shares`` of :func:`processing.optics.mosaic_kernel.whole_band`."""
+    (down, right), (other_down, other_right) = mosaic.place(0), mosaic.place(90)
+    apart = (int(down != other_down), int(right != other_right))
+    # Means of two pixels beside and above or below, and of the four across.
+    share = {(0, 1): (0.5, 0.0, 0.0), (1, 0): (0.0, 0.5, 0.0), (1, 1): (0.0, 0.0, 0.25)}
+    # The first of the pair that the own angle is not in, and the second.
+    first = (0, 1) if apart != (0, 1) else (1, 0)
+    second = (first[0] ^ apart[0], first[1] ^ apart[1])
+    shares = np.array([np.negative(share[apart]), np.subtract(share[first], share[second])], dtype=np.float32)
+    lanes = np.empty((2, 3, LANES), dtype=np.float32)
+    for i in (0, 1):
+        for k in (0, 1):
+            own, other = mosaic.angles_deg[i][k], mosaic.angles_deg[i ^ first[0]][k ^ first[1]]
+            of_s1, of_s2 = (own, other) if own in (0, 90) else (other, own)
+            lanes[i, 0, k::2] = 1.0 if own in (0, 90) else -1.0
+            lanes[i, 1, k::2] = gains[1] if of_s1 == 0 else -gains[1]
+            lanes[i, 2, k::2] = gains[2] if of_s2 == 45 else -gains[2]
+    return lanes, shares
 
 
 def _checked(image: NDArray[Any], solution: ArrayLike | None, black_level: float) -> Floats:
@@ -139,128 +200,3 @@ def _checked(image: NDArray[Any], solution: ArrayLike | None, black_level: float
     if not math.isfinite(black_level):
         raise DataError(f"the black level is {black_level}", "give a finite number of counts")
     return weights
-
-
-@numba.njit(cache=True, nogil=True)
-def _band(
-    image: NDArray[Any],
-    weights: Floats,
-    offset: Floats,
-    saturation: float,
-    first: int,
-    end: int,
-    out: NDArray[np.float32],
-) -> None:
-    """Rows ``first`` to ``end``; 16 columns or more."""
-    rows, columns = image.shape
-    # Three lines of the image with a pixel more at each end, mirrored at the border: no line is converted twice.
-    width = columns + 2
-    above, here, below = np.zeros(width, np.float32), np.zeros(width, np.float32), np.zeros(width, np.float32)
-    _fill(image[first - 1 if first > 0 else 1], saturation, above)
-    _fill(image[first], saturation, here)
-    for row in range(first, end):
-        _fill(image[row + 1 if row + 1 < rows else row - 1], saturation, below)
-        i = row % 2
-        _row(above, here, below, weights[i], offset, out[0, row], out[1, row], out[2, row], out[3, row], out[4, row])
-        above, here, below = here, below, above
-
-
-@numba.njit(cache=True, nogil=True)
-def _fill(counts: NDArray[Any], saturation: float, line: NDArray[np.float32]) -> None:
-    """A line of the image as float32, saturated pixels undefined, mirrored at both ends."""
-    columns = counts.size
-    for column in range(columns):
-        value = np.float32(counts[column])
-        line[column + 1] = _NAN if value >= saturation else value
-    line[0] = line[2]
-    line[columns + 1] = line[columns - 1]
-
-
-@numba.njit(cache=True, nogil=True)
-def _row(
-    above: NDArray[np.float32],
-    here: NDArray[np.float32],
-    below: NDArray[np.float32],
-    weights: Floats,
-    offset: Floats,
-    o0: NDArray[np.float32],
-    o1: NDArray[np.float32],
-    o2: NDArray[np.float32],
-    o3: NDArray[np.float32],
-    o4: NDArray[np.float32],
-) -> None:
-    """A row; ``weights`` (3, 4): of S by its angles at even and odd columns, and by its neighbours' at such columns."""
-    columns = o0.size
-    even = np.empty(LANES, dtype=np.float32)
-    for lane in range(LANES):
-        even[lane] = 1 - 2 * (lane % 2)
-    lanes = load(even, 0)
-    # Read before the loop: for all the compiler knows, storing results might change them.
-    a = (weights[0, 0], weights[0, 1], weights[0, 2], weights[0, 3], -offset[0])
-    b = (weights[1, 0], weights[1, 1], weights[1, 2], weights[1, 3], -offset[1])
-    c = (weights[2, 0], weights[2, 1], weights[2, 2], weights[2, 3], -offset[2])
-    for start in range(0, columns + LANES - 1, LANES):
-        # The last sixteen may overlap those before; as columns are even, it begins in an even one.
-        k = min(start, columns - LANES)
-        _sixteen(above, here, below, k, lanes, a, b, c, o0, o1, o2, o3, o4)
-
-
-@numba.njit(nogil=True)
-def _sixteen(
-    above: NDArray[np.float32],
-    here: NDArray[np.float32],
-    below: NDArray[np.float32],
-    k: int,
-    even: Any,
-    a: Any,
-    b: Any,
-    c: Any,
-    o0: NDArray[np.float32],
-    o1: NDArray[np.float32],
-    o2: NDArray[np.float32],
-    o3: NDArray[np.float32],
-    o4: NDArray[np.float32],
-) -> None:
-    """Sixteen pixels of a row from the even column ``k`` on; ``a``, ``b``, ``c`` weigh its angles for S0, S1, S2."""
-    half, whole = splat(_HALF), splat(_WHOLE)
-    two, four, nan = splat(np.float32(0.5)), splat(np.float32(0.25)), splat(_NAN)
-    pixel = load(here, k + 1)
-    beside = (load(here, k) + load(here, k + 2)) * two
-    over = (load(above, k + 1) + load(below, k + 1)) * two
-    across = ((load(above, k) + load(above, k + 2)) + (load(below, k) + load(below, k + 2))) * four
-    i00 = to_float64(where_positive(even, pixel, beside))
-    i01 = to_float64(where_positive(even, beside, pixel))
-    i10 = to_float64(where_positive(even, over, across))
-    i11 = to_float64(where_positive(even, across, over))
-    s0 = _mixed(i00, i01, i10, i11, a)
-    s1 = _mixed(i00, i01, i10, i11, b)
-    s2 = _mixed(i00, i01, i10, i11, c)
-    store(o0, k, s0)
-    store(o1, k, s1)
-    store(o2, k, s2)
-    store(o3, k, where_positive(s0, sqrt(fma(s1, s1, s2 * s2)) / s0, nan))
-    # Half the arctangent by octants: within tan(pi / 8) an odd polynomial (Cephes atanf, 2e-7 relative).
-    x, y = where_positive(s1, s1, -s1), where_positive(s2, s2, -s2)
-    steep = y - x
-    large, small = where_positive(steep, y, x), where_positive(steep, x, y)
-    beyond = small - large * splat(_TAN_EIGHTH)
-    ratio = where_positive(beyond, small - large, small) / where_positive(beyond, small + large, large)
-    z = ratio * ratio
-    series = fma(splat(np.float32(8.05374449538e-2)), z, splat(np.float32(-1.38776856032e-1)))
-    series = fma(series, z, splat(np.float32(1.99777106478e-1)))
-    series = fma(series, z, splat(np.float32(-3.33329491539e-1)))
-    angle = fma(series * z, ratio, ratio)
-    angle = where_positive(beyond, angle + splat(_QUARTER), angle)
-    angle = where_positive(steep, half - angle, angle)
-    angle = where_positive(s1, angle, whole - angle)
-    angle = where_positive(s2, angle, -angle) * two
-    angle = where_positive(splat(_ABOVE_LOWEST) - angle, half, angle)
-    store(o4, k, where_positive(s0, angle, nan))
-
-
-@numba.njit(nogil=True)
-def _mixed(i00: Any, i01: Any, i10: Any, i11: Any, weights: Any) -> Any:
-    total = fma(i00, splat(weights[0]), splat(weights[4]))
-    total = fma(i01, splat(weights[1]), total)
-    total = fma(i10, splat(weights[2]), total)
-    return to_float32(fma(i11, splat(weights[3]), total))

@@ -13,13 +13,16 @@ from __future__ import annotations
 
 from processing.simd.memory import (
     PERMUTES,
+    STREAM_BYTES,
     add_pairs,
+    fence,
     gather,
     load,
     lookup16,
     lookup32,
     store,
     store_whole,
+    stream,
 )
 from processing.simd.vectors import (
     INDEX_BITS,
@@ -46,7 +49,9 @@ __all__ = [
     "INDEX_BITS",
     "LANES",
     "PERMUTES",
+    "STREAM_BYTES",
     "add_pairs",
+    "fence",
     "flip_odd",
     "float32x16",
     "float64x16",
@@ -65,6 +70,7 @@ __all__ = [
     "sqrt",
     "store",
     "store_whole",
+    "stream",
     "times_power_of_two",
     "to_float32",
     "to_float64",

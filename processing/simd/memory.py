@@ -56,6 +56,10 @@ def _of(array: Any) -> Any:
     return {types.float32: float32x16, types.float64: float64x16}.get(array.dtype) if _contiguous(array) else None
 
 
+STREAM_BYTES = 64
+"""What addresses given to :func:`stream` are multiples of: a vector of float32, and a line of caches."""
+
+
 @intrinsic
 def load(typing: Any, array: Any, index: Any) -> Any:
     """Sixteen numbers from ``array[index]`` on; the array is contiguous and one-dimensional. Not checked."""
@@ -85,6 +89,36 @@ def store(typing: Any, array: Any, index: Any, vector: Any) -> Any:
         return context.get_dummy_value()
 
     return types.void(array, index, vector), generate
+
+
+@intrinsic
+def stream(typing: Any, array: Any, index: Any, vector: Any) -> Any:
+    """:func:`store` past the caches, for what is not read soon: the place is a multiple of 64 bytes. Not checked.
+
+    End with :func:`fence` before another thread reads.
+    """
+    if vector is not _of(array) or not isinstance(index, types.Integer):
+        return None
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = _address(context, builder, array, arguments[0], arguments[1])
+        made = builder.store(arguments[2], builder.bitcast(place, vector.llvm.as_pointer()))
+        made.align = STREAM_BYTES
+        made.set_metadata("nontemporal", builder.module.add_metadata([I32(1)]))
+        return context.get_dummy_value()
+
+    return types.void(array, index, vector), generate
+
+
+@intrinsic
+def fence(typing: Any) -> Any:
+    """All that was stored before is seen by other threads before anything that is stored after."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        builder.fence("seq_cst")
+        return context.get_dummy_value()
+
+    return types.void(), generate
 
 
 @intrinsic
