@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,7 +19,9 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from gui.pages.calibrate_page import CalibratePage
 from gui.pages.collect_page import CollectPage
+from gui.pages.compare_page import ComparePage
 from gui.pages.live_page import LivePage
 from gui.pages.products_page import ProductsPage
 from gui.pages.regions_page import RegionsPage
@@ -34,6 +37,7 @@ from polfuse_lab.engine.protocol import Finished, StatusEvent
 
 SMALLEST = QSize(1024, 640)
 USUAL = QSize(1366, 768)
+STALE_NS = 5_000_000_000
 
 
 class MainWindow(QMainWindow):
@@ -62,6 +66,8 @@ class MainWindow(QMainWindow):
             ("live", self.tr("Live"), LivePage(self.bench)),
             ("session", self.tr("Session"), SessionPage(self.bench)),
             ("products", self.tr("Products"), ProductsPage(self.bench)),
+            ("calibrate", self.tr("Calibrate"), CalibratePage(self.bench)),
+            ("compare", self.tr("Compare"), ComparePage(self.bench)),
             ("regions", self.tr("Regions"), RegionsPage(self.bench)),
             ("settings", self.tr("Settings"), self.settings_page),
         ):
@@ -133,7 +139,7 @@ class MainWindow(QMainWindow):
         event.accept()
 
     def _add(self, name: str, text: str, page: QWidget) -> None:
-        number = len(self._names) + 1
+        number = (len(self._names) + 1) % 10  # the tenth page is at 0, as on the keyboard
         scroll = QScrollArea()
         scroll.setWidgetResizable(True)
         scroll.setWidget(page)
@@ -164,6 +170,9 @@ class MainWindow(QMainWindow):
         found = self.bench.live.glance("levels")
         if found is None:
             return
+        if time.monotonic_ns() - found.t_sample_ns > STALE_NS:
+            self.strip.show_sync("", True)
+            return
         period_s = float(found.values["period_s"])
         if int(found.values["sync_channel"]) < 0:
             self.strip.show_sync(self.tr("no sync"), False)
@@ -171,7 +180,8 @@ class MainWindow(QMainWindow):
             self.strip.show_sync(self.tr("sync every {0:.1f} ms").format(period_s * 1e3), True)
 
     def _finished(self, outcome: Finished) -> None:
-        words = self.tr("The last collect: {0}").format(outcome.state)
+        words = self.tr("The replay: {0}") if self.bench.engine.replaying else self.tr("The last collect: {0}")
+        words = words.format(outcome.state)
         self.strip.show_idle(words if outcome.state == "finished" else f"{words} ({outcome.reason})")
 
     def _restore(self) -> None:

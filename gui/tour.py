@@ -7,13 +7,18 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 from PySide6.QtCore import QCoreApplication, QEventLoop
+from PySide6.QtGui import QImage
 
 from gui.app import make_application
 from gui.main_window import MainWindow
+from gui.pages.calibrate_page import CalibratePage
 from gui.pages.collect_page import CollectPage
+from gui.pages.compare_page import ComparePage
 from gui.pages.live_page import LivePage
 from gui.pages.products_page import ProductsPage
+from gui.pages.regions_page import RegionsPage
 from gui.pages.session_page import SessionPage
 from gui.pages.setup_page import SetupPage
 from polfuse_lab.errors import PolfuseError
@@ -56,6 +61,20 @@ def tour(folder: Path) -> list[dict[str, str]]:
     return walk.pages
 
 
+def _saved(window: MainWindow, path: Path) -> bool:
+    """Save a picture in 256 colours, which is a third of the size."""
+    from PIL import Image
+
+    picture = window.grab().toImage().convertToFormat(QImage.Format.Format_RGB888)
+    rows = np.frombuffer(picture.constBits(), np.uint8).reshape(picture.height(), picture.bytesPerLine())
+    colours = rows[:, : 3 * picture.width()].reshape(picture.height(), picture.width(), 3)
+    try:
+        Image.fromarray(colours).quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+    except OSError:
+        return False
+    return True
+
+
 class _Walk:
     """Waits, looks and saves."""
 
@@ -85,7 +104,7 @@ class _Walk:
         """A picture of the window as it is."""
         self.rest(0.4)
         path = self._folder / f"{name}.png"
-        if not self.window.grab().save(str(path)):
+        if not _saved(self.window, path):
             raise PolfuseError("cannot be written", where=str(path), advice="choose a folder that may be written")
         self.pages.append({"name": name, "file": str(path)})
 
@@ -136,7 +155,8 @@ def _steps(walk: _Walk, session: Path) -> None:
 
 def _after(walk: _Walk, collect: CollectPage) -> None:
     window = walk.window
-    session, products = window.page("session"), window.page("products")
+    session, products, live = window.page("session"), window.page("products"), window.page("live")
+    assert isinstance(live, LivePage)
     assert isinstance(session, SessionPage)
     assert isinstance(products, ProductsPage)
     collect.look_button.click()
@@ -148,6 +168,72 @@ def _after(walk: _Walk, collect: CollectPage) -> None:
     session.focus_button.click()
     walk.until(lambda: window.current == "products" and bool(products.views), "the focused picture")
     walk.save("products")
+    _calibrate(walk)
+    window.show_page("products")
+    products.fuse()
+    walk.until(lambda: not window.bench.jobs.busy and bool(products.find("fusion.classes")), "fused products")
+    products.choose("polarimetry.pauli")
+    walk.until(lambda: products.shown_names == ["polarimetry.pauli"], "the Pauli picture")
+    walk.save("products-pauli")
     products.choose("focus.HH", "optics.dolp")
     walk.until(lambda: len(products.views) == 2, "two pictures")
     walk.save("products-two")
+    _regions_and_comparison(walk, session)
+    window.show_page("session")
+    session.speed.setValue(4.0)
+    session.replay_button.click()
+    walk.until(lambda: live.replay.isVisible() and live.replay.line.value() > 40, "a replay")
+    live.show_tab("sar")
+    walk.until(lambda: live.pauli.shows, "the replay's picture")
+    walk.save("live-replay")
+    window.bench.engine.abort()
+    walk.until(lambda: not window.bench.engine.busy, "the end of the replay")
+
+
+def _calibrate(walk: _Walk) -> None:
+    """On the simulated scene's trihedral, with its dihedral to check the outcome."""
+    window = walk.window
+    page = window.page("calibrate")
+    assert isinstance(page, CalibratePage)
+    window.show_page("calibrate")
+    walk.until(lambda: page.view.shows, "the focused picture")
+    for role, kind, x_m, y_m, height_m in (
+        ("constant", "trihedral", 1.2, 8.6, 0.469),
+        ("check", "dihedral", -1.8, 11.2, 0.319),
+    ):
+        page.role.setCurrentIndex(page.role.findData(role))
+        page.kind.setCurrentText(kind)
+        page.view.clicked.emit((x_m, y_m))
+        page.height_m.setValue(height_m)
+        page.look_button.click()
+    page.role.setCurrentIndex(page.role.findData("crosstalk"))
+    page.view.clicked.emit((4.5, 16.5))
+    page.look_button.click()
+    walk.until(lambda: page.targets.ready, "targets that are found")
+    page.calibrate_button.click()
+    walk.until(lambda: bool(page.outcome.toPlainText()), "the calibration")
+    walk.save("calibrate")
+
+
+def _regions_and_comparison(walk: _Walk, session: SessionPage) -> None:
+    window = walk.window
+    regions, compare = window.page("regions"), window.page("compare")
+    assert isinstance(regions, RegionsPage)
+    assert isinstance(compare, ComparePage)
+    window.show_page("regions")
+    walk.until(lambda: regions.new_button.isEnabled() and regions.view.shows, "a picture to draw on")
+    for x_m, y_m in ((1.2, 9.0), (-1.8, 11.6)):
+        corners = ((x_m - 0.8, y_m - 1), (x_m + 0.8, y_m - 1), (x_m + 0.8, y_m + 1), (x_m - 0.8, y_m + 1))
+        regions.regions.add(corners)
+    walk.until(lambda: regions.pairs.rowCount() > 0, "the regions' statistics")
+    walk.save("regions")
+    window.show_page("compare")
+    compare.open(0, session.products)
+    compare.open(1, session.products)
+    walk.until(lambda: all(picture.count() for picture in compare.pictures), "both files")
+    for number, name in enumerate(("calibration.HH", "calibration.HV")):
+        compare.choose(number, name)
+    walk.until(lambda: all(compare.shows(n, name) for n, name in enumerate(("Calibrated HH", "Calibrated HV"))),
+               "both pictures")  # fmt: skip
+    compare.linked.move((1.2, 8.9))
+    walk.save("compare")

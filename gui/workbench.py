@@ -31,6 +31,8 @@ class Workbench(QObject):
     """Path of a session to look at."""
     products_opened = Signal(object)
     """Path of a products file to look at."""
+    products_changed = Signal()
+    """The products that are looked at hold more than before."""
     page_wanted = Signal(str)
     """Name of the page that should be shown."""
 
@@ -41,6 +43,8 @@ class Workbench(QObject):
         self.jobs = JobList(self)
         self.before_collect: Callable[[], BenchLink | None] = lambda: None
         """Set-up mode, when it holds the devices."""
+        self.replay_speed = 1.0
+        """How fast the last replay began."""
         self.rig: Path | None = None
         self.session: Path | None = None
         self.products: Path | None = None
@@ -75,7 +79,12 @@ class Workbench(QObject):
 
     def play(self, session: Path, speed: float) -> None:
         """Play a session in the live view."""
-        background.run(lambda: ReplayClient.play(session, speed=speed), self.engine.adopt, self.error.emit)
+        if self.engine.busy:
+            self.error.emit(self.tr("a run is being watched already: wait for its end, or stop it"), "")
+            return
+        self.engine.starting = True
+        self.replay_speed = speed
+        background.run(lambda: ReplayClient.play(session, speed=speed), self.engine.adopt, self.engine.not_started)
         self.page_wanted.emit("live")
 
     def provenance(self) -> dict[str, object]:

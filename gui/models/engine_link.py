@@ -9,7 +9,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, QTimer, Signal
 
 from gui.models import background
-from polfuse_lab.engine import EngineClient
+from polfuse_lab.engine import EngineClient, ReplayClient
 from polfuse_lab.engine.protocol import Finished, StatusEvent
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.plans import Plan
@@ -33,6 +33,8 @@ class EngineLink(QObject):
         super().__init__(parent)
         self.client: EngineClient | None = None
         self.starting = False
+        self.replaying = False
+        """Whether what runs, or ran last, is a recorded session that is played."""
         self._timer = QTimer(self)
         self._timer.setInterval(POLL_MS)
         self._timer.timeout.connect(self._poll)
@@ -54,6 +56,7 @@ class EngineLink(QObject):
         """Listen to an engine that has been started elsewhere."""
         self.starting = False
         self.client = client
+        self.replaying = isinstance(client, ReplayClient)
         self._timer.start()
         self.attached.emit(client)
 
@@ -81,6 +84,11 @@ class EngineLink(QObject):
         """The operator has done what was asked."""
         if self.client is not None:
             self.client.answer(ticket)
+
+    def set_speed(self, speed: float) -> None:
+        """Play so many times as fast as recorded, where a recorded session is played."""
+        if isinstance(self.client, ReplayClient):
+            self.client.set_speed(speed)
 
     def leave(self) -> None:
         """Stop listening; the collect goes on."""

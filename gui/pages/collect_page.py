@@ -237,6 +237,8 @@ class CollectPage(QWidget):
         return view
 
     def _begun(self, _: object) -> None:
+        if self._bench.engine.replaying:
+            return
         self.start_button.setText(self.tr("Start the collect"))
         verdict = self.draft.verdict
         plan = verdict.plan if verdict is not None else None
@@ -256,6 +258,8 @@ class CollectPage(QWidget):
             made.setVisible(not running)
 
     def _show(self, status: StatusEvent) -> None:
+        if self._bench.engine.replaying:
+            return
         self.doing.setText(status.reason or status.state)
         self.bar.setMaximum(max(status.steps, 1))
         self.bar.setValue(status.step)
@@ -290,6 +294,8 @@ class CollectPage(QWidget):
             self.note.clear()
 
     def _ended(self, outcome: Finished) -> None:
+        if self._bench.engine.replaying:
+            return
         self._finished = outcome
         self.grid.finish(whole=outcome.state == "finished")
         self.prompts.show_prompts([])

@@ -28,8 +28,10 @@ from gui.widgets.layout import button, title
 from gui.widgets.level_meter import LevelMeter
 from gui.widgets.picture_view import PictureView, Quantity
 from gui.widgets.profile_view import CHANNELS, ProfileView
+from gui.widgets.replay_bar import ReplayBar
 from gui.widgets.waterfall_view import WaterfallView
 from gui.workbench import Workbench
+from polfuse_lab.engine.protocol import StatusEvent
 from polfuse_lab.live import Shown
 
 LEVEL = Quantity("level", "dB")
@@ -74,6 +76,15 @@ class LivePage(QWidget):
         column.setContentsMargins(24, 20, 24, 16)
         column.addLayout(top)
         column.addWidget(self.tabs, 1)
+        self.replay = ReplayBar()
+        self.replay.speed_wanted.connect(bench.engine.set_speed)
+        self.replay.pause_wanted.connect(lambda paused: bench.engine.pause() if paused else bench.engine.resume())
+        self.replay.stop_wanted.connect(bench.engine.abort)
+        column.addWidget(self.replay)
+        bench.engine.attached.connect(self._attached)
+        bench.engine.status.connect(self._status)
+        bench.engine.finished.connect(lambda _: self.replay.hide())
+        bench.engine.failed.connect(lambda *_: self.replay.hide())
         self.tabs.currentChanged.connect(lambda _: self.link.forget())
         self.link.tick.connect(self._tick)
         bench.engine.finished.connect(lambda _: self._tell(self.tr("the run has ended; these are its last pictures")))
@@ -100,7 +111,7 @@ class LivePage(QWidget):
         self.waterfall = WaterfallView()
         self.waterfall_channel = _channels()
         self.waterfall_channel.currentIndexChanged.connect(lambda _: self.waterfall.clear())
-        self.beat, self.sync = LevelMeter("beat"), LevelMeter("sync")
+        self.beat, self.sync = LevelMeter("beat"), LevelMeter("sync", loud=True)
         # One cursor for both: the same range.
         cursor = LinkedCursor(self)
         self.profile.pointed.connect(cursor.move)
@@ -182,6 +193,15 @@ class LivePage(QWidget):
         column.addWidget(self.fused_words)
         column.addWidget(self.fused, 1)
         return tab
+
+    def _attached(self, _: object) -> None:
+        self.replay.setVisible(self._bench.engine.replaying)
+        if self._bench.engine.replaying:
+            self.replay.begin(self._bench.replay_speed)
+
+    def _status(self, status: StatusEvent) -> None:
+        if self._bench.engine.replaying:
+            self.replay.show_status(status)
 
     # -- drawing ------------------------------------------------------------------------------------------------------
 

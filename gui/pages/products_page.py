@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
@@ -20,24 +20,23 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui import maps
 from gui.models import background
 from gui.models.cursor import LinkedCursor
 from gui.saving import save_view
 from gui.widgets.job_bar import JobBar
 from gui.widgets.layout import button, card, dim, heading, title
-from gui.widgets.picture_view import PictureView, Quantity
+from gui.widgets.picture_view import PictureView
+from gui.widgets.pictured import view_of
 from gui.workbench import Workbench
 from polfuse_lab import jobs
+from polfuse_lab.jobs import Job
 from polfuse_lab.products.pictures import Picture, load_picture, picture_names
 from polfuse_lab.products.store import Products
 
-COLOURS = {"level": maps.SEQUENTIAL, "fraction": maps.FRACTION, "angle": maps.CYCLIC, "counts": "gray",
-           "number": "cividis", "classes": maps.FRACTION, "colours": "gray"}  # fmt: skip
 SUFFIXES = {"png": ".png", "geotiff": ".tif", "kmz": ".kmz", "envi": "", "polsarpro": "", "sicd": ".nitf",
             "cphd": ".cphd"}  # fmt: skip
 """Formats of export, and how their files are called; folders have no suffix."""
-DIGITS = {"fraction": 3, "counts": 0}
+DECOMPOSITIONS = ("pauli", "h-a-alpha", "freeman", "yamaguchi", "krogager", "cameron", "touzi")
 
 
 class ProductsPage(QWidget):
@@ -55,6 +54,7 @@ class ProductsPage(QWidget):
         self.settings = QPlainTextEdit()
         self.settings.setReadOnly(True)
         self.views: list[PictureView] = []
+        self._shown_names: list[str] = []
         self.pictures = QSplitter(Qt.Orientation.Horizontal)
         self._wanted: list[str] = []
         left = QVBoxLayout()
@@ -77,6 +77,16 @@ class ProductsPage(QWidget):
         for to in SUFFIXES:
             menu.addAction(to, partial(self._export, to))
         self.export_button.setMenu(menu)
+        self.make_button = QToolButton()
+        self.make_button.setText(self.tr("Make"))
+        self.make_button.setToolTip(self.tr("More from this file: decompositions, radar and camera fused"))
+        self.make_button.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        make = QMenu(self.make_button)
+        make.addAction(self.tr("Fuse radar and camera"), self.fuse)
+        for method in DECOMPOSITIONS:
+            make.addAction(self.tr("Decompose: {0}").format(method), partial(self._decompose, method))
+        self.make_button.setMenu(make)
+        top.addWidget(self.make_button)
         top.addWidget(self.export_button)
         row = QHBoxLayout()
         row.addLayout(left, 1)
@@ -87,9 +97,15 @@ class ProductsPage(QWidget):
         column.addWidget(JobBar(bench.jobs))
         column.addLayout(row, 1)
         bench.products_opened.connect(self.open)
+        bench.products_changed.connect(self._again)
+        bench.jobs.over.connect(self._over)
+        self._mine: set[int] = set()
+        self._path: Path | None = None
 
     def open(self, path: Path) -> None:
         """Show the pictures of a file."""
+        if path != self._path:
+            self._path, self._wanted = path, []
         self.where.setText(str(path))
         background.run(lambda: picture_names(Products(path)), self._listed, self._bench.error.emit)
 
@@ -101,13 +117,45 @@ class ProductsPage(QWidget):
             if item.data(Qt.ItemDataRole.UserRole) in names:
                 item.setSelected(True)
 
+    def find(self, name: str) -> QListWidgetItem | None:
+        """The list's item of a picture; None where there is no such picture."""
+        items = (self.list.item(row) for row in range(self.list.count()))
+        return next((item for item in items if item.data(Qt.ItemDataRole.UserRole) == name), None)
+
+    @property
+    def shown_names(self) -> list[str]:
+        """Names of the pictures that are shown."""
+        return list(self._shown_names)
+
+    def _again(self) -> None:
+        if self._path is not None:
+            self.open(self._path)
+
+    def fuse(self) -> None:
+        """Begin to put radar and camera together, with the usual settings."""
+        if self._path is not None:
+            self._mine.add(id(self._bench.jobs.submit(jobs.fuse(self._path))))
+
+    def _decompose(self, method: str) -> None:
+        if self._path is not None:
+            self._mine.add(id(self._bench.jobs.submit(jobs.decompose(self._path, method))))
+
+    def _over(self, job: Job) -> None:
+        if id(job) in self._mine and job.state == "done":
+            self._bench.products_changed.emit()
+
     def _listed(self, names: list[tuple[str, str]]) -> None:
+        chosen = list(self._wanted)
+        self.list.blockSignals(True)
         self.list.clear()
         for name, text in names:
             item = QListWidgetItem(text)
             item.setData(Qt.ItemDataRole.UserRole, name)
             self.list.addItem(item)
-        if names:
+        self.list.blockSignals(False)
+        if chosen and chosen[0] in dict(names):
+            self.choose(*chosen)
+        elif names:
             best = next((row for row, (name, _) in enumerate(names) if name == "polarimetry.pauli"), 0)
             self.list.setCurrentRow(best)
 
@@ -121,7 +169,7 @@ class ProductsPage(QWidget):
         def load() -> tuple[list[str], list[Picture], str]:
             products = Products(path)
             settings = products.settings(names[0].partition(".")[0])
-            return names, [load_picture(products, name) for name in names], json.dumps(settings, indent=1)
+            return names, [load_picture(products, name) for name in names], _lines(settings)
 
         background.run(load, self._show, self._bench.error.emit)
 
@@ -138,20 +186,11 @@ class ProductsPage(QWidget):
         for view in self.views:
             self.pictures.addWidget(view)
         self.settings.setPlainText(settings)
+        self._shown_names = names
 
     def _view(self, picture: Picture) -> PictureView:
-        kind = picture.kind
-        quantity = Quantity(picture.title, picture.unit, COLOURS[kind], digits=DIGITS.get(kind, 1))
-        view = PictureView(quantity, ground=picture.x is not None, bar=kind != "colours")
-        view.item.setTitle(picture.title)
+        view = view_of(picture)
         view.follow(self.linked)
-        if kind == "colours":
-            view.show_colours(picture.values, picture.x, picture.y)
-        else:
-            values = picture.values.astype("float32")
-            if kind == "classes":
-                values[values < 0] = float("nan")
-            view.show_values(values, picture.x, picture.y, picture.sd, limits=picture.limits)
         return view
 
     def _save(self) -> None:
@@ -173,3 +212,16 @@ class ProductsPage(QWidget):
             name, _ = QFileDialog.getSaveFileName(self, self.tr("Export as {0}").format(to), f"export{SUFFIXES[to]}")
             if name:
                 self._bench.jobs.submit(jobs.export(self._bench.products, to, Path(name)))
+
+
+def _lines(settings: dict[str, Any], indent: str = "") -> str:
+    """Settings as people read them."""
+    lines = []
+    for key, value in settings.items():
+        if isinstance(value, dict):
+            lines += [f"{indent}{key}:", _lines(value, indent + "  ")]
+        elif isinstance(value, list):
+            lines.append(f"{indent}{key}: " + ", ".join(map(str, value)))
+        else:
+            lines.append(f"{indent}{key}: {f'{value:.6g}' if isinstance(value, float) else value}")
+    return "\n".join(lines)

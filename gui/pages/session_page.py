@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt, QTimer
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPlainTextEdit, QSlider, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDoubleSpinBox, QHBoxLayout, QLabel, QPlainTextEdit, QSlider, QVBoxLayout, QWidget
 
 from gui.models import background
 from gui.models.words import duration, moment, signed_db
 from gui.widgets.job_bar import JobBar
 from gui.widgets.layout import button, card, dim, heading, title
+from gui.widgets.replay_bar import FASTEST, SLOWEST
 from gui.workbench import Workbench
 from polfuse_lab import jobs
 from polfuse_lab.jobs import Job, Prediction, predict_focus
@@ -20,7 +21,6 @@ from polfuse_lab.session import info
 TOLERANCES_DB = (-20, -30, -40, -50, -60, -70, -80)
 METHODS = {"rma": "range migration", "pfa": "polar format", "bp": "back-projection",
            "ffbp": "factorized back-projection", "reference": "exact back-projection"}  # fmt: skip
-SPEEDS = (0.5, 1.0, 2.0, 5.0, 20.0)
 
 
 class SessionPage(QWidget):
@@ -52,10 +52,13 @@ class SessionPage(QWidget):
         self.why_button.setCheckable(True)
         self.focus_button = button(self.tr("Focus"), self._focus, role="primary", key="Ctrl+F")
         self.optics_button = button(self.tr("Polarization pictures"), self._optics)
-        self.speed = QComboBox()
-        for speed in SPEEDS:
-            self.speed.addItem(f"{speed:g} ×", speed)
-        self.speed.setCurrentIndex(SPEEDS.index(1.0))
+        self.speed = QDoubleSpinBox()
+        self.speed.setRange(SLOWEST, FASTEST)
+        self.speed.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
+        self.speed.setDecimals(1)
+        self.speed.setValue(1.0)
+        self.speed.setSuffix(" ×")
+        self.speed.setToolTip(self.tr("How many times as fast as it was recorded; it can be changed while it plays"))
         self.replay_button = button(self.tr("Play it in the live view"), self._replay)
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
@@ -117,7 +120,9 @@ class SessionPage(QWidget):
     def _described(self, found: dict[str, Any]) -> None:
         sync = found["sync_rms_s"]
         lines = [
-            self.tr("begun {0}, {1} long, {2}").format(moment(found["started"]), duration(found["duration_s"]), found["state"]),
+            self.tr("begun {0}, {1} long, {2}").format(
+                moment(found["started"]), duration(found["duration_s"]), found["state"]
+            ),
             self.tr("{0} positions, channels {1}").format(found["positions"], ", ".join(found["channels"]) or "–"),
             self.tr("{0} audio records, {1} camera frames").format(found["sweeps"], found["frames"]),
             self.tr("lost: {0} samples, {1} frames").format(found["samples_lost"], found["frames_lost"]),
@@ -192,4 +197,4 @@ class SessionPage(QWidget):
 
     def _replay(self) -> None:
         if self._bench.session is not None:
-            self._bench.play(self._bench.session, float(self.speed.currentData()))
+            self._bench.play(self._bench.session, self.speed.value())

@@ -20,7 +20,6 @@ from polfuse_lab.bench import BenchClient, BenchStatus
 
 LIGHTS = {"ok": "ok", "warn": "warning", "bad": "bad", "busy": "busy", "off": "off"}
 JOGS_M = (-0.1, -0.01, 0.01, 0.1)
-SCOPE_PX = 130
 
 
 class SetupPage(QWidget):
@@ -56,13 +55,15 @@ class SetupPage(QWidget):
         middle = QVBoxLayout()
         middle.addWidget(self._radar_part())
         middle.addWidget(self._hand_part())
-        middle.addWidget(self._scope_part(), 1)
-        right = self._camera_part()
+        middle.addStretch(1)
+        right = QVBoxLayout()
+        right.addWidget(self._camera_part(), 3)
+        right.addWidget(self._scope_part(), 2)
         self._parts = (self.radar_card, self.hand_card, self.scope_card, self.camera_card)
         row = QHBoxLayout()
         row.addLayout(left, 5)
         row.addLayout(middle, 5)
-        row.addWidget(right, 6)
+        row.addLayout(right, 6)
         column = QVBoxLayout(self)
         column.setContentsMargins(16, 16, 16, 12)
         column.addLayout(top)
@@ -105,7 +106,7 @@ class SetupPage(QWidget):
     # -- parts --------------------------------------------------------------------------------------------------------
 
     def _radar_part(self) -> QWidget:
-        self.beat, self.sync = LevelMeter("beat"), LevelMeter("sync")
+        self.beat, self.sync = LevelMeter("beat"), LevelMeter("sync", loud=True)
         self.signal_words = dim("")
         self.channel = QComboBox()
         self.channel.addItems(("HH", "HV", "VH", "VV"))
@@ -158,15 +159,19 @@ class SetupPage(QWidget):
         source.addWidget(self.source_words)
         self.source_row.hide()
         self.hand_card = card(
-            heading(self.tr("Trolley")), self.place, self.jogs, move, heading(self.tr("Polarizer")), turn,
+            heading(self.tr("Trolley")),
+            self.place,
+            self.jogs,
+            move,
+            heading(self.tr("Polarizer")),
+            turn,
             self.source_row,
         )
         return self.hand_card
 
     def _scope_part(self) -> QWidget:
         self.scope = ScopeView()
-        self.scope.setMinimumHeight(SCOPE_PX)
-        self.scope_card = card(self.scope)
+        self.scope_card = card(heading(self.tr("Signals")), self.scope, stretch=1)
         return self.scope_card
 
     def _camera_part(self) -> QWidget:
@@ -281,8 +286,7 @@ class SetupPage(QWidget):
                 found = live.newest(stream)
                 if found is not None:
                     image = found.arrays["image"].astype("float32")
-                    full = float(found.values["full_scale"])
-                    self.picture.show_values(image, limits=(0.0, full), marked=found.arrays["saturated"] > 0)
+                    self.picture.show_values(image, marked=found.arrays["saturated"] > 0)
 
     def _release(self) -> BenchLink | None:
         """The set-up mode that must hand its devices over before a collect begins."""

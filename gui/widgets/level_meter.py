@@ -21,10 +21,12 @@ class LevelMeter(QWidget):
 
     Args:
         name: what is measured, such as ``"beat"``.
+        loud: it is meant to be near full scale, as a sync signal is: no warning then.
     """
 
-    def __init__(self, name: str, parent: QWidget | None = None) -> None:
+    def __init__(self, name: str, parent: QWidget | None = None, *, loud: bool = False) -> None:
         super().__init__(parent)
+        self._loud = loud
         self._name = name
         self._rms_db = self._peak_db = self._held_db = -math.inf
         self._held_at = self._clipped_at = -math.inf
@@ -71,7 +73,7 @@ class LevelMeter(QWidget):
         painter.drawText(QRectF(0, 0, self.width(), metrics.height()), Qt.AlignmentFlag.AlignLeft, self._name)
         painter.drawText(QRectF(0, 0, bar.width(), metrics.height()), Qt.AlignmentFlag.AlignRight, self.text())
         painter.fillRect(bar, QColor(shown.raised))
-        colour = shown.ok if self._rms_db < WARN_DB else shown.warning
+        colour = shown.ok if self._loud or self._rms_db < WARN_DB else shown.warning
         painter.fillRect(QRectF(bar.x(), bar.y(), bar.width() * _part(self._rms_db), bar.height()), QColor(colour))
         for tick_db in range(-60, 0, 12):
             x = bar.x() + bar.width() * _part(tick_db)

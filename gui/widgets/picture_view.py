@@ -58,6 +58,7 @@ class PictureView(Plot):
         super().__init__(*labels, parent=parent)
         self.quantity = quantity
         self._axes = labels
+        self.ground = ground
         self._values: NDArray[np.generic] | None = None
         self._sd: NDArray[np.floating] | None = None
         self._box = QRectF()
@@ -179,6 +180,18 @@ class PictureView(Plot):
         digits = self.quantity.digits
         spread = "" if self._sd is None else f" ± {float(self._sd[row, column]):.{digits}f}"
         return f"{where}   {self.quantity.name} {value:.{digits}f}{spread} {self.quantity.unit}"
+
+    def value_at(self, x: float, y: float) -> float | None:
+        """The value at a place; None where there is none, or colours."""
+        if self._values is None or self._values.ndim != 2 or self._box.isEmpty():
+            return None
+        rows, columns = self._values.shape
+        column = int((x - self._box.x()) / self._box.width() * columns)
+        row = int((y - self._box.y()) / self._box.height() * rows)
+        if not (self._box.contains(x, y) and 0 <= row < rows and 0 <= column < columns):
+            return None
+        value = float(self._values[row, column])
+        return value if np.isfinite(value) else None
 
     def _mark(self, marked: NDArray[np.bool_] | None) -> None:
         if self._marks is None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import pyqtgraph as pg
+from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
 from PySide6.QtCore import QEvent, QPointF, Qt, Signal
-from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from gui import theme
 
 LINE_PX = 2
+SMALLEST_PX = 90
 CURSOR = "#19d3e6"
 """Colour of the cross: seen on dark and on light pictures."""
 SIDES = ("bottom", "left")
@@ -19,11 +21,16 @@ class Plot(QWidget):
 
     pointed = Signal(object)
     """The mouse is at ``(x, y)`` of the axes, None: elsewhere."""
+    clicked = Signal(object)
+    """The left button was clicked at ``(x, y)`` of the axes."""
 
     def __init__(self, x_label: str, x_unit: str, y_label: str, y_unit: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._bars: list[pg.ColorBarItem] = []
         self.graph = pg.PlotWidget()
+        # Its own hint would make every page taller than a small screen.
+        self.graph.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
+        self.graph.setMinimumSize(SMALLEST_PX, SMALLEST_PX)
         self.item = self.graph.getPlotItem()
         self.item.setMenuEnabled(True)
         self.item.hideButtons()
@@ -52,6 +59,7 @@ class Plot(QWidget):
             line.setVisible(False)
             self.item.addItem(line, ignoreBounds=True)
         self._proxy = pg.SignalProxy(self.graph.scene().sigMouseMoved, rateLimit=60, slot=self._mouse)
+        self.graph.scene().sigMouseClicked.connect(self._click)
         self.pointed.connect(self.show_cursor)
         self.dress()
 
@@ -99,6 +107,12 @@ class Plot(QWidget):
         """A colour bar that takes on the theme with the plot."""
         self._bars.append(bar)
         self.dress()
+
+    def _click(self, event: MouseClickEvent) -> None:
+        at = event.scenePos()
+        if event.button() == Qt.MouseButton.LeftButton and self.item.vb.sceneBoundingRect().contains(at):
+            place = self.item.vb.mapSceneToView(at)
+            self.clicked.emit((place.x(), place.y()))
 
     def _mouse(self, event: tuple[QPointF]) -> None:
         at = event[0]

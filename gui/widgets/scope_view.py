@@ -25,9 +25,7 @@ class ScopeView(Plot):
         self._t_ms: NDArray[np.floating] = np.zeros(0)
         self.dress()
 
-    def show_signals(
-        self, t_s: NDArray[np.floating], beat: NDArray[np.floating], sync: NDArray[np.floating]
-    ) -> None:
+    def show_signals(self, t_s: NDArray[np.floating], beat: NDArray[np.floating], sync: NDArray[np.floating]) -> None:
         """Show both signals, (n,) each."""
         self._t_ms = np.asarray(t_s) * 1e3
         self._signals = {"beat": beat, "sync": sync}

@@ -36,7 +36,8 @@ class StatusStrip(QWidget):
         for label in self._labels.values():
             label.setText("")
             label.setStyleSheet("")
-        self._labels["state"].setText(words or self.tr("No collect is running"))
+            label.hide()
+        self._say("state", words or self.tr("No collect is running"))
 
     def show_status(self, status: StatusEvent) -> None:
         """Show a collect's state."""
@@ -63,6 +64,7 @@ class StatusStrip(QWidget):
         label = self._labels[name]
         if label.text() != words:
             label.setText(words)
+        label.setVisible(bool(words))
         style = f"color: {colour}; font-weight: 600;" if colour else ""
         if label.styleSheet() != style:
             label.setStyleSheet(style)

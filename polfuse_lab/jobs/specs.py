@@ -150,7 +150,7 @@ def _inputs(*paths: PathLike) -> tuple[Path, ...]:
 
 
 def _options(**values: Any) -> list[Word]:
-    """Options of a command: ``None`` is left out, a flag is ``--name`` or ``--no-name``."""
+    """Options of a command: ``None`` is left out, a flag is ``--name`` or ``--no-name``, a list is given one by one."""
     words: list[Word] = []
     for name, value in values.items():
         option = f"--{name.rstrip('_').replace('_', '-')}"
@@ -158,6 +158,8 @@ def _options(**values: Any) -> list[Word]:
             continue
         if isinstance(value, bool):
             words.append(option if value else f"--no-{option[2:]}")
+        elif isinstance(value, list):
+            words += [f"{option}={part}" for part in value]
         elif isinstance(value, Path):
             words.append(f"{option}={value.absolute()}")
         else:

@@ -43,7 +43,7 @@ def test_every_page_is_reached_by_the_keyboard(qtbot, window: MainWindow) -> Non
     with qtbot.waitActive(window):
         window.activateWindow()
     for number, name in enumerate(window.names, start=1):
-        qtbot.keyClick(window, Qt.Key(Qt.Key.Key_0 + number), Qt.KeyboardModifier.ControlModifier)
+        qtbot.keyClick(window, Qt.Key(Qt.Key.Key_0 + number % 10), Qt.KeyboardModifier.ControlModifier)
         assert window.current == name
 
 

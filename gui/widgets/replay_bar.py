@@ -1,0 +1,68 @@
+"""A recorded session that is played: where it is, how fast, pause and stop."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QDoubleSpinBox, QFrame, QHBoxLayout, QLabel, QProgressBar, QWidget
+
+from gui.models.words import duration
+from gui.widgets.layout import button
+from polfuse_lab.engine.protocol import StatusEvent
+
+SLOWEST, FASTEST = 0.1, 100.0
+
+
+class ReplayBar(QFrame):
+    """Hidden while nothing is played."""
+
+    speed_wanted = Signal(float)
+    pause_wanted = Signal(bool)
+    """True: stand still; False: go on."""
+    stop_wanted = Signal()
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setProperty("role", "card")
+        self.pause_button = button(self.tr("Pause"), self._pause, key="Space")
+        self.pause_button.setCheckable(True)
+        self.line = QProgressBar()
+        self.line.setTextVisible(False)
+        self.line.setAccessibleName(self.tr("time line"))
+        self.words = QLabel()
+        self.speed = QDoubleSpinBox()
+        self.speed.setRange(SLOWEST, FASTEST)
+        self.speed.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
+        self.speed.setDecimals(1)
+        self.speed.setSuffix(" ×")
+        self.speed.setToolTip(self.tr("How many times as fast as it was recorded"))
+        self.speed.valueChanged.connect(self.speed_wanted)
+        row = QHBoxLayout(self)
+        row.addWidget(self.pause_button)
+        row.addWidget(self.line, 1)
+        row.addWidget(self.words)
+        row.addWidget(self.speed)
+        row.addWidget(button(self.tr("Stop"), self.stop_wanted.emit))
+        self.hide()
+
+    def begin(self, speed: float) -> None:
+        """A replay has begun, so many times as fast as recorded."""
+        self.speed.blockSignals(True)
+        self.speed.setValue(speed)
+        self.speed.blockSignals(False)
+        self.pause_button.setChecked(False)
+        self.pause_button.setText(self.tr("Pause"))
+        self.line.setValue(0)
+        self.words.setText("")
+        self.show()
+
+    def show_status(self, status: StatusEvent) -> None:
+        """How far it is."""
+        self.line.setMaximum(max(status.steps, 1))
+        self.line.setValue(status.step)
+        where = self.tr("position {0} of {1}").format(max(status.position + 1, 0), status.positions)
+        self.words.setText(f"{where}   {duration(status.elapsed_s)}")
+
+    def _pause(self) -> None:
+        paused = self.pause_button.isChecked()
+        self.pause_button.setText(self.tr("Go on") if paused else self.tr("Pause"))
+        self.pause_wanted.emit(paused)
