@@ -7,11 +7,13 @@ the live process's own processor time: it does not depend on what else the compu
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import tempfile
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -106,18 +108,15 @@ class _Tape:
 def run(quick: bool) -> list[Row]:
     """Feed, read and measure; ``quick`` for 8 s instead of 60 s."""
     seconds = 8.0 if quick else 60.0
-    with tempfile.TemporaryDirectory() as folder:
-        feed = LiveFeed(RIG, "rig.toml", Path(folder), PLAN, "plan.toml")
-        feed.start()
-        view = LiveView(Path(folder))
-        try:
-            return _measure(feed, view, seconds)
-        finally:
-            view.close()
-            feed.close()
+    with tempfile.TemporaryDirectory() as folder, full_rate(Path(folder)), LiveView(Path(folder)) as view:
+        return _measure(view, seconds)
 
 
-def _measure(feed: LiveFeed, view: LiveView, seconds: float) -> list[Row]:
+@contextlib.contextmanager
+def full_rate(folder: Path) -> Iterator[None]:
+    """A stand-in for an engine at full rate: the live process shows its streams in ``folder``."""
+    feed = LiveFeed(RIG, "rig.toml", folder, PLAN, "plan.toml")
+    feed.start()
     tape = _Tape()
     feed.overhear(tape)
     ended = threading.Event()
@@ -127,9 +126,17 @@ def _measure(feed: LiveFeed, view: LiveView, seconds: float) -> list[Row]:
     ]
     for thread in threads:
         thread.start()
-    # Until everything has been shown once: programs and compiled code are loaded then.
-    wanted = ("levels", "profile.HH", "camera.000.0", "optics", "sar", "health")
-    _until(lambda: all(view.newest(name) is not None for name in wanted), 120.0)
+    try:
+        yield
+    finally:
+        ended.set()
+        for thread in threads:
+            thread.join(2)
+        feed.close()
+
+
+def _measure(view: LiveView, seconds: float) -> list[Row]:
+    until_shown(view)
     health = view.newest("health")
     assert health is not None
     before, begun = health.values, time.monotonic()
@@ -150,10 +157,13 @@ def _measure(feed: LiveFeed, view: LiveView, seconds: float) -> list[Row]:
     _until(lambda: (item := view.newest("health")) is not None and item.number > number + 1, 10.0)
     health = view.newest("health")
     assert health is not None
-    ended.set()
-    for thread in threads:
-        thread.join(2)
     return [*(_delay_row(kind, values) for kind, values in delays.items()), *_cost_rows(before, health.values)]
+
+
+def until_shown(view: LiveView) -> None:
+    """Wait until everything has been shown once: programs and compiled code are loaded then."""
+    wanted = ("levels", "profile.HH", "camera.000.0", "optics", "sar", "health")
+    _until(lambda: all(view.newest(name) is not None for name in wanted), 120.0)
 
 
 def _camera(feed: LiveFeed, ended: threading.Event) -> None:

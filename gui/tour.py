@@ -171,7 +171,7 @@ def _after(walk: _Walk, collect: CollectPage) -> None:
     _calibrate(walk)
     window.show_page("products")
     products.fuse()
-    walk.until(lambda: not window.bench.jobs.busy and bool(products.find("fusion.classes")), "fused products")
+    walk.until(lambda: not window.bench.jobs.busy and products.holds("fusion.classes"), "fused products")
     products.choose("polarimetry.pauli")
     walk.until(lambda: products.shown_names == ["polarimetry.pauli"], "the Pauli picture")
     walk.save("products-pauli")

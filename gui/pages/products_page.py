@@ -117,10 +117,10 @@ class ProductsPage(QWidget):
             if item.data(Qt.ItemDataRole.UserRole) in names:
                 item.setSelected(True)
 
-    def find(self, name: str) -> QListWidgetItem | None:
-        """The list's item of a picture; None where there is no such picture."""
+    def holds(self, name: str) -> bool:
+        """Whether there is a picture of that name."""
         items = (self.list.item(row) for row in range(self.list.count()))
-        return next((item for item in items if item.data(Qt.ItemDataRole.UserRole) == name), None)
+        return any(item.data(Qt.ItemDataRole.UserRole) == name for item in items)
 
     @property
     def shown_names(self) -> list[str]:
