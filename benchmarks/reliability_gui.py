@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 
+from benchmarks.memory_watch import resident_bytes
 from benchmarks.rows import Row
 
 USUAL, QUICK = 100_000, 1_000
@@ -59,7 +60,6 @@ def work(repaints: int) -> None:
     import itertools
 
     import numpy as np
-    import psutil
     import PySide6
 
     from gui.app import make_application
@@ -76,12 +76,12 @@ def work(repaints: int) -> None:
     level, x, y = demo_image(81)
     colours = np.zeros((81, 81, 3), np.uint8)
     profiles = [demo_profile(seed) for seed in range(1, 9)]
-    process, painted, middle = psutil.Process(), 0, 0
+    painted = middle = 0
     for number in itertools.count():
         if painted >= repaints:
             break
         if painted >= SETTLING * repaints and not middle:
-            middle = process.memory_info().rss
+            middle = resident_bytes(os.getpid()) or 0
         if number % 50 == 0:
             window.show_page(window.names[number // 50 % len(window.names)] if number % 100 else "live")
             page.tabs.setCurrentIndex(number // 100 % page.tabs.count())
@@ -98,7 +98,7 @@ def work(repaints: int) -> None:
         window.repaint()
         application.processEvents()
         painted += 1
-    end = process.memory_info().rss
+    end = resident_bytes(os.getpid()) or 0
     window.close()
     print(json.dumps({"painted": painted, "middle_bytes": middle, "end_bytes": end, "pyside": PySide6.__version__}))
 
