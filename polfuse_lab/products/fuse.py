@@ -24,10 +24,11 @@ from polfuse_lab.products.region_statistics import (
 )
 from polfuse_lab.products.store import Products
 from processing.errors import DataError
+from processing.fusion.anomalies import reed_xiaoli
 from processing.fusion.features import FEATURES, fused_vector, normalized_components
 from processing.fusion.kmeans import UNCLASSIFIED, Classes, kmeans
 from processing.fusion.registration import GeometryErrors, ground_to_camera, registration_error, sample_bilinear
-from processing.fusion.separability import class_statistics, reed_xiaoli
+from processing.fusion.separability import class_statistics
 from processing.optics.debias import debias
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 

@@ -12,6 +12,7 @@ from scipy import stats
 from sklearn.cluster import KMeans
 
 from processing.errors import DataError
+from processing.fusion import anomalies as an
 from processing.fusion import kmeans as km
 from processing.fusion import separability as sp
 
@@ -209,16 +210,16 @@ def test_rx_scores_are_chi_square_and_find_the_odd_one_out() -> None:
     root = np.array([[1.0, 0, 0, 0], [0.5, 1, 0, 0], [0, 0.2, 2, 0], [0.1, 0, 0, 0.3]])
     planes = (root @ random.normal(size=(4, 60 * 70))).reshape(4, 60, 70)
     planes[:, 0, 0] = np.nan
-    scores = sp.reed_xiaoli(planes)
+    scores = an.reed_xiaoli(planes)
     assert np.isnan(scores[0, 0])
     defined = scores[np.isfinite(scores)]
     # Kolmogorov-Smirnov distance to chi-square with 4 degrees of freedom: 1.95 / sqrt n at 0.1 %.
     assert stats.kstest(defined, stats.chi2(4).cdf).statistic < 1.95 / np.sqrt(defined.size)
     planes[:, 30, 40] = [0, 0, 0, 5.0]
-    assert np.unravel_index(np.nanargmax(sp.reed_xiaoli(planes)), (60, 70)) == (30, 40)
+    assert np.unravel_index(np.nanargmax(an.reed_xiaoli(planes)), (60, 70)) == (30, 40)
     # Plain definition at one pixel.
     x = planes.reshape(4, -1).T
     x = x[np.isfinite(x).all(axis=1)]
     d = planes[:, 3, 3] - x.mean(axis=0)
     expected = d @ np.linalg.inv(np.cov(x, rowvar=False)) @ d
-    assert sp.reed_xiaoli(planes)[3, 3] == pytest.approx(expected, rel=1e-9)
+    assert an.reed_xiaoli(planes)[3, 3] == pytest.approx(expected, rel=1e-9)
