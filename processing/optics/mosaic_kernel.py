@@ -37,8 +37,10 @@ _LOWEST = np.nextafter(-_HALF, np.float32(0))
 _NAN = np.float32(np.nan)
 
 # arctan(t) / t over t^2 from 0 to 1, least maximal relative error: 1.0e-7, with float32's rounding 1.5e-7.
-_A0, _A1, _A2, _A3 = np.float32([0.99999990, -0.33331992, 0.19969733, -0.14019516])
-_A4, _A5, _A6, _A7 = np.float32([0.09914363, -0.059487122, 0.024252764, -0.0046933393])
+_A0, _A1 = np.float32(0.99999990), np.float32(-0.33331992)
+_A2, _A3 = np.float32(0.19969733), np.float32(-0.14019516)
+_A4, _A5 = np.float32(0.09914363), np.float32(-0.059487122)
+_A6, _A7 = np.float32(0.024252764), np.float32(-0.0046933393)
 
 # Squares of what is between these neither vanish nor overflow.
 _SMALL, _LARGE = np.float32(2.0**-40), np.float32(2.0**40)

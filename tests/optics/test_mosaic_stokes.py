@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.errors import DataError
+from processing.optics import mosaic_stokes as module
 from processing.optics.analyser import least_squares, measurement_matrix
 from processing.optics.mosaic import ANGLES_DEG, Mosaic, parse_mosaic, through_mosaic
 from processing.optics.mosaic_stokes import ideal_solution, mosaic_stokes, mosaic_stokes_reference
@@ -43,11 +44,60 @@ def compare(found: np.ndarray, expected: np.ndarray) -> None:
 def test_the_kernel_is_its_definition(
     mosaic: Mosaic, rows: int, columns: int, dtype: type, threads: int, seed: int
 ) -> None:
+    random = np.random.default_rng(seed)
     top = np.iinfo(dtype).max
-    image = np.random.default_rng(seed).integers(0, top, (2 * rows, 2 * columns), dtype=dtype, endpoint=True)
-    for black, saturation in ((0.0, math.inf), (top / 8, 0.95 * top)):
-        found = mosaic_stokes(image, mosaic, black_level=black, saturation=saturation, threads=threads)
-        compare(found, mosaic_stokes_reference(image, mosaic, black_level=black, saturation=saturation))
+    image = random.integers(0, top, (2 * rows, 2 * columns), dtype=dtype, endpoint=True)
+    # Gains of their own keep to sums and differences; the last solution is weighted in float64. All numbers are such
+    # that the definition is not rounded either: where intensities cancel, nothing would be left to compare.
+    gains = ideal_solution() * [[0.75], [-1.5], [0.625]]
+    mixed = ideal_solution() @ np.diag([1.0, 0.75, 1.25, 1.5])
+    for black, saturation, solution in (
+        (0.0, math.inf, None),
+        (top / 8, 0.95 * top, None),
+        (round(random.uniform(0, 64 * top)) / 256, 0.95 * top, gains),
+        (top / 8, 0.95 * top, mixed),
+    ):
+        given = {"black_level": black, "saturation": saturation, "solution": solution}
+        compare(mosaic_stokes(image, mosaic, threads=threads, **given), mosaic_stokes_reference(image, mosaic, **given))
+
+
+def test_any_black_level_and_extinction_ratio() -> None:
+    image = np.random.default_rng(5).integers(0, 4096, (20, 64), dtype=np.uint16)
+    given = {"black_level": 63.7123, "solution": ideal_solution(300.0)}
+    found, expected = mosaic_stokes(image, SONY, **given), mosaic_stokes_reference(image, SONY, **given)
+    # What is near 0 is rounding in float64 too.
+    np.testing.assert_allclose(found[:3], expected[:3], rtol=3e-7, atol=1e-11)
+
+
+def test_differences_of_whole_counts_are_exact() -> None:
+    # Multiples of 1/4 up to 2^18 fit in float32, so S0, S1 and S2 are not rounded at all.
+    image = np.random.default_rng(2).integers(0, 65536, (64, 160), dtype=np.uint16)
+    for mosaic in EVERY[::5]:
+        expected = mosaic_stokes_reference(image, mosaic)
+        np.testing.assert_array_equal(mosaic_stokes(image, mosaic)[:3], expected[:3])
+
+
+def test_large_results_go_past_the_caches_unchanged(monkeypatch: pytest.MonkeyPatch) -> None:
+    image = np.random.default_rng(3).integers(0, 4096, (66, 160), dtype=np.uint16)
+    expected = mosaic_stokes(image, SONY)
+    monkeypatch.setattr(module, "STREAMED_BYTES", 0)
+    np.testing.assert_array_equal(mosaic_stokes(image, SONY, threads=2), expected)
+    # Rows that begin anywhere, and arrays that do, are stored as usual.
+    space = np.empty(5 * image.size + 1, np.float32)
+    for begin in (0, 1):
+        out = space[begin : begin + 5 * image.size].reshape(5, *image.shape)
+        np.testing.assert_array_equal(mosaic_stokes(image, SONY, out=out), expected)
+    narrow = np.ascontiguousarray(image[:, :138])
+    compare(mosaic_stokes(narrow, SONY), mosaic_stokes_reference(narrow, SONY))
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e-20, 1e20, 1e30])
+def test_light_may_be_counted_in_any_unit(scale: float) -> None:
+    # Squares of S1 and S2 would vanish or overflow in float32; DOLP and AOP do not depend on the unit.
+    image = np.random.default_rng(4).uniform(1, 100, (8, 32)).astype(np.float32)
+    usual, scaled = mosaic_stokes(image, SONY), mosaic_stokes(image * np.float32(scale), SONY)
+    np.testing.assert_allclose(scaled[:3], usual[:3] * scale, rtol=1e-4)
+    np.testing.assert_allclose(scaled[3:], usual[3:], rtol=1e-4, atol=1e-5)
 
 
 def test_any_solution_is_taken_and_float_frames_with_lost_pixels() -> None:
