@@ -100,8 +100,8 @@ def test_targets_are_found_and_marked_or_refused_with_reasons(qtbot, page: Calib
     assert not empty.good
     assert "REFUSED" in page.list.item(2).text()
     assert page.list.item(0).text().startswith("✓")
-    # A trihedral's channels do not look like a dihedral's: S_hh and S_vv have the same sign.
-    wrong = state(qtbot, page, "crosstalk", "dihedral", TRIHEDRAL)
+    # A dihedral turned by 45 degrees shows in the cross-polarized channels, a trihedral does not.
+    wrong = state(qtbot, page, "crosstalk", "dihedral_45", TRIHEDRAL)
     assert not wrong.good
     assert len(page._marks.points()) == 4
     page.list.setCurrentRow(3)
