@@ -233,7 +233,9 @@ class LiveImage:
         block = _block(len(members), layout.stride, len(polynomials))
         for p0 in range(0, track.shape[1], block):
             some = slice(p0, p0 + block)
-            values = np.ascontiguousarray(pulses.values[members, some], dtype=np.complex64)
+            # All channels are taken without a copy.
+            chosen = pulses.values[:, some] if len(members) == len(pulses.values) else pulses.values[members, some]
+            values = np.ascontiguousarray(chosen, dtype=np.complex64)
             table = segment_tables(values, np.ascontiguousarray(pulses.weights[members, some]), polynomials)
             count = values.shape[1]
             numbers = np.pad(track[:, some], ((0, 0), (0, -count % 16)), mode="edge").ravel()
@@ -241,6 +243,7 @@ class LiveImage:
             add = add_few if count <= FEW else add_pulses
             for pixel, ground in flat_places(self.grid, across, ROWS, line):
                 add(table, layout, signal, count, numbers, factor, pixel, ground, total, gains)
+            del chosen, values, table  # before the next ones are made
 
     def image(self) -> NDArray[np.complex64]:
         """The image of what was added so far, (channels, rows, columns) complex64; more can be added afterwards."""

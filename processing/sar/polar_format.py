@@ -47,6 +47,9 @@ RANGE_MARGIN, FLAT_MARGIN = 12, 4
 UNDONE_STEPS = 4096
 """Intervals on either side of the table by which azimuth resampling's kernel is undone."""
 
+BLOCK = 128
+"""Pulses, or rows of wavenumbers, whose transforms are held at a time."""
+
 
 def polar_format(
     profiles: RangeProfiles, grid: Grid, *, weights: NDArray[np.floating] | None = None
@@ -171,11 +174,55 @@ def _lay_out(
 
 
 def _transform(pulses: Pulses, scene: Spotlight, layout: _Layout, channel: int) -> NDArray[np.complex64]:
-    """(samples, samples) of one channel around the scene's centre, without the carrier."""
-    workers = get_num_threads()
+    """One channel around the scene's centre, without the carrier, (samples, samples) and what each pixel reads beyond.
+
+    What the last samples read goes on with the first: there are ``TAPS - 1`` more along each axis than in a period.
+    """
     table = weight_table(KERNEL, TABLE_STEPS)
     values = pulses.values[channel]
-    bins = layout.first_bin[:, None] + layout.bins
+    turns = layout.centre * scene.centre_range_m / (2 * math.pi)
+    turns -= np.floor(turns)
+    lined_up = np.empty((len(values), len(layout.k_along)), dtype=np.complex64)
+    # Some pulses, then some rows at a time: these arrays would be larger than the image.
+    for begin in range(0, len(values), BLOCK):
+        some = slice(begin, min(begin + BLOCK, len(values)))
+        resample_range(
+            _band(values[some], layout.first_bin[some], layout), layout.centre - layout.half_band * layout.k_step,
+            1 / layout.k_step, layout.centre, layout.offset_m[some], turns[some], scene.direction[some, 0],
+            pulses.weights[channel, some], layout.k_along, table, lined_up[some],
+        )  # fmt: skip
+    rows, columns = len(layout.k_along), layout.across_count
+    slope = scene.direction[:, 1] / scene.direction[:, 0]
+    undone = [
+        (1 / KERNEL.response((np.arange(count) - count // 2) / length)).astype(np.float32)
+        for count, length in zip((rows, columns), layout.length, strict=True)
+    ]
+    tall, broad = layout.length
+    whole = np.zeros((tall + TAPS - 1, broad + TAPS - 1), dtype=np.complex64)
+    fine, left = whole[:tall, :broad], columns // 2
+    for begin in range(0, rows, BLOCK):
+        some = slice(begin, min(begin + BLOCK, rows))
+        plane = np.empty((some.stop - begin, columns), dtype=np.complex64)
+        resample_azimuth(
+            np.ascontiguousarray(lined_up[:, some]), layout.k_along[some], slope, layout.across_first,
+            1 / layout.across_step, table, plane,
+        )  # fmt: skip
+        plane *= undone[0][some, None]
+        plane *= undone[1]
+        to = (np.arange(begin, some.stop) - rows // 2) % tall
+        fine[to, : columns - left], fine[to, broad - left :] = plane[:, left:], plane[:, :left]
+    del lined_up
+    made = scipy.fft.ifft2(fine, norm="forward", overwrite_x=True, workers=get_num_threads())
+    if not np.may_share_memory(made, whole):
+        fine[:] = made
+    whole[tall:, :broad] = fine[: TAPS - 1]
+    whole[:, broad:] = whole[:, : TAPS - 1]
+    return whole
+
+
+def _band(values: NDArray[np.complexfloating], first_bin: NDArray[np.int64], layout: _Layout) -> NDArray[np.complex64]:
+    """(pulses, k) of some pulses around the carrier, referred to their bins next to the scene's centre."""
+    bins = first_bin[:, None] + layout.bins
     there = (bins >= 0) & (bins < values.shape[1])
     correction = layout.range_step_m * layout.roll / KERNEL.response(layout.bins / layout.range_length)
     padded = np.zeros((len(values), layout.range_length), dtype=np.complex64)
@@ -183,36 +230,9 @@ def _transform(pulses: Pulses, scene: Spotlight, layout: _Layout, channel: int) 
     padded[:, layout.bins % layout.range_length] = np.where(
         there, values[rows, np.clip(bins, 0, values.shape[1] - 1)], 0
     ) * correction.astype(np.float32)
-    in_k = scipy.fft.fft(padded, axis=1, overwrite_x=True, workers=workers)
+    in_k = scipy.fft.fft(padded, axis=1, overwrite_x=True, workers=get_num_threads())
     half = layout.half_band
-    band = np.concatenate([in_k[:, layout.range_length - half :], in_k[:, : half + 1]], axis=1)
-    turns = layout.centre * scene.centre_range_m / (2 * math.pi)
-
-    lined_up = np.empty((len(values), len(layout.k_along)), dtype=np.complex64)
-    resample_range(
-        band, layout.centre - half * layout.k_step, 1 / layout.k_step, layout.centre, layout.offset_m,
-        turns - np.floor(turns), scene.direction[:, 0], pulses.weights[channel], layout.k_along, table, lined_up,
-    )  # fmt: skip
-    plane = np.empty((len(layout.k_along), layout.across_count), dtype=np.complex64)
-    slope = scene.direction[:, 1] / scene.direction[:, 0]
-    resample_azimuth(
-        lined_up, layout.k_along, slope, layout.across_first, 1 / layout.across_step, table, plane
-    )  # fmt: skip
-    undone = [
-        1 / KERNEL.response((np.arange(count) - count // 2) / length)
-        for count, length in zip(plane.shape, layout.length, strict=True)
-    ]
-    plane *= undone[0].astype(np.float32)[:, None]
-    plane *= undone[1].astype(np.float32)
-    fine = np.zeros(layout.length, dtype=np.complex64)
-    (height, width), (before, left) = plane.shape, (plane.shape[0] // 2, plane.shape[1] // 2)
-    tall, broad = layout.length
-    fine[: height - before, : width - left] = plane[before:, left:]
-    fine[: height - before, broad - left :] = plane[before:, :left]
-    fine[tall - before :, : width - left] = plane[:before, left:]
-    fine[tall - before :, broad - left :] = plane[:before, :left]
-    made: NDArray[np.complex64] = scipy.fft.ifft2(fine, norm="forward", overwrite_x=True, workers=workers)
-    return made
+    return np.concatenate([in_k[:, layout.range_length - half :], in_k[:, : half + 1]], axis=1)
 
 
 def _read(
@@ -230,15 +250,9 @@ def _read(
     )
     across = np.linspace(-1, 1, 2 * UNDONE_STEPS + 1) * layout.reach_across_m
     undone = along_step / (2 * math.pi * total) / KERNEL.response(across * layout.across_step / (2 * math.pi))
-    # What the last samples read goes on with the first.
-    high, wide = fine.shape
-    whole = np.empty((high + TAPS - 1, wide + TAPS - 1), dtype=np.complex64)
-    whole[:high, :wide] = fine
-    whole[high:, :wide] = fine[: TAPS - 1]
-    whole[:, wide:] = whole[:, : TAPS - 1]
     at_columns = np.stack([np.einsum("ij,kj->ik", nodes, straight.to_columns) for nodes in straight.nodes])
     read_pixels(
-        whole.view(np.float32), straight.to_rows, at_columns, np.array(layout.length) * steps / (2 * math.pi), carrier,
+        fine.view(np.float32), straight.to_rows, at_columns, np.array(layout.length) * steps / (2 * math.pi), carrier,
         table, undone.astype(np.float32), UNDONE_STEPS / layout.reach_across_m, out,
     )  # fmt: skip
 

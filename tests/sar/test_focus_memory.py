@@ -2,16 +2,19 @@
 
 import pytest
 
-from benchmarks.speed_focus_memory import FIXED_BYTES, TIMES, measure
+from benchmarks.speed_focus_memory import FIXED_BYTES, TIMES, measure, measure_migration
 from processing.sar.backprojection import backproject
 from processing.sar.factorized import factorized
+from processing.sar.polar_format import polar_format
+from processing.sar.range_migration import range_migration
 
 
-@pytest.mark.parametrize("method", [backproject, factorized])
+@pytest.mark.parametrize("method", [backproject, factorized, polar_format, range_migration])
 def test_peaks_stay_below_three_times_image_and_profiles(method):
+    run = measure_migration if method is range_migration else measure
     try:
-        measure(64, 64, method)
-        measured = [measure(side, pulses, method) for side, pulses in ((128, 150), (400, 470))]
+        run(64, 64, method)
+        measured = [run(side, pulses, method) for side, pulses in ((128, 150), (400, 470))]
     except OSError:
         pytest.skip("this system does not tell a process' peak of memory")
     for peak, needed in measured:
