@@ -16,6 +16,7 @@ which it is seen, and no others. Algorithm: Cafforio, Prati, Rocca 1991; Carrara
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import scipy.fft
@@ -36,7 +37,7 @@ from processing.sar.range_migration_plan import (
     plan_migration,
 )
 from processing.sar.range_migration_task import Task, prepare
-from processing.sar.stolt import FILTERS, Filter, stolt
+from processing.sar.stolt import CHUNK, FILTERS, Filter, stolt
 from processing.sar.straight_track import ahead_cosine, pattern_sum
 
 DIRECT_WORTH = 1.5
@@ -81,7 +82,7 @@ def range_migration(
     tilt = ahead_cosine(task.track, grid, depression_rad) ** exponent
     image = np.empty((len(task.pulses.values), *grid.shape), dtype=np.complex64)
     for c in range(len(image)):
-        lines = _lines(task, plan, FILTERS[taps], c)
+        lines = _lines(task, plan, FILTERS[taps], c, image[c].reshape(-1))
         total = float(task.pulses.weights[c].sum())
         _form(lines, plan, task, grid, tilt / total, image[c])
         del lines
@@ -94,8 +95,13 @@ def range_migration(
     return image
 
 
-def _lines(task: Task, plan: MigrationPlan, taps: Filter, channel: int) -> NDArray[np.complex64]:
-    """(samples across the rail, lines) of one channel: spectrum, Stolt interpolation, and back to distance."""
+def _lines(
+    task: Task, plan: MigrationPlan, taps: Filter, channel: int, spare: NDArray[np.complex64]
+) -> NDArray[np.complex64]:
+    """(samples across the rail, lines) of one channel: spectrum, Stolt interpolation, and back to distance.
+
+    ``spare`` is memory to work in, such as that of the image that is not there yet.
+    """
     workers = get_num_threads()
     values = task.pulses.values[channel]
     bins, middle, length = values.shape[1], plan.middle_bin, plan.range_length
@@ -119,18 +125,23 @@ def _lines(task: Task, plan: MigrationPlan, taps: Filter, channel: int) -> NDArr
     del band
     both = scipy.fft.fft(spread, axis=1, overwrite_x=True, workers=workers)
     before = plan.middle_line
-    spectrum = np.concatenate([both[:, samples - before :], both[:, : plan.lines - before]], axis=1)
+    needed = len(both) * plan.lines
+    spectrum = (spare[:needed] if spare.size >= needed else np.empty(needed, np.complex64)).reshape(len(both), -1)
+    np.concatenate([both[:, samples - before :], both[:, : plan.lines - before]], axis=1, out=spectrum)
     del spread, both
 
-    mapped = stolt(spectrum, plan.mapping, taps)
-    del spectrum
     count, samples = plan.mapping.across_count, plan.row_length
     before = count // 2
     undone = (1 / ROW_KERNEL.response((np.arange(count) - before) / samples)).astype(np.float32)[:, None]
     fine = np.zeros((samples, plan.lines), dtype=np.complex64)
-    np.multiply(mapped[before:], undone[before:], out=fine[: count - before])
-    np.multiply(mapped[:before], undone[:before], out=fine[samples - before :])
-    del mapped
+    size = max(1, BLOCK_SAMPLES // (count * CHUNK)) * CHUNK
+    for begin in range(0, plan.lines, size):
+        some = slice(begin, min(begin + size, plan.lines))
+        part = replace(plan.mapping, along=plan.mapping.along[some], across_first=plan.mapping.across_first[some])
+        mapped = stolt(np.ascontiguousarray(spectrum[:, some]), part, taps)
+        np.multiply(mapped[before:], undone[before:], out=fine[: count - before, some])
+        np.multiply(mapped[:before], undone[:before], out=fine[samples - before :, some])
+    del spectrum, mapped
     lines: NDArray[np.complex64] = scipy.fft.ifft(fine, axis=0, norm="forward", overwrite_x=True, workers=workers)
     return lines
 
