@@ -18,6 +18,17 @@ class Start(StrEnum):
     even = "even"
 
 
+class Method(StrEnum):
+    """How classes are found."""
+
+    kmeans = "kmeans"
+    isodata = "isodata"
+    mixture = "mixture"
+    likelihood = "likelihood"
+    svm = "svm"
+    forest = "forest"
+
+
 class Normalization(StrEnum):
     """What Pauli components are divided by."""
 
@@ -31,8 +42,14 @@ def fuse(
     regions: Annotated[
         Path | None, typer.Option(help="Regions file: [[region]] with name and polygon_m = [[x, y], ...].")
     ] = None,
-    classes: Annotated[int, typer.Option(min=1, max=100, help="K-means classes.")] = 3,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of K-means.")] = 0,
+    classifier: Annotated[
+        Method,
+        typer.Option(help="Found without knowing any: kmeans, isodata, mixture. Learnt from --regions: the others."),
+    ] = Method.kmeans,
+    classes: Annotated[
+        int, typer.Option(min=1, max=100, help="kmeans: classes; isodata: to begin with; mixture: at most.")
+    ] = 3,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the classifier.")] = 0,
     start: Annotated[Start, typer.Option(help="Start of K-means; the thesis: even.")] = Start.plus_plus,
     min_snr_db: Annotated[float, typer.Option(help="Least span over noise of a radar pixel, dB.")] = 6.0,
     dynamic_range_db: Annotated[
@@ -60,6 +77,7 @@ def fuse(
     made = stage.fuse(
         products,
         regions=regions,
+        classifier=classifier.value,
         classes=classes,
         seed=seed,
         start=start.value,
@@ -77,6 +95,7 @@ def fuse(
         "jeffries_matusita": {pair: item.jeffries_matusita for pair, item in made.pairs.items()},
         "classes": {name: vars(item) for name, item in made.classes.items()},
         "regions": {name: vars(item) for name, item in made.regions.items()},
+        "confusion": made.confusion,
         "figure": figures[0],
         "figures": figures,
         "pixels": made.pixels,
@@ -96,6 +115,12 @@ def fuse(
             f"{pair}: Bhattacharyya {separability.distance['pauli']:.2f} by radar alone, "
             f"{separability.distance['pauli_dolp']:.2f} with DOLP; Bayes error "
             f"{separability.bounds.lower:.2g} to {separability.bounds.upper:.2g}"
+        )
+    if made.confusion is not None:
+        judged = made.confusion
+        lines.append(
+            f"{classifier.value}: {100 * judged['accuracy']:.1f} % right (+- {100 * judged['accuracy_sd']:.1f}) of "
+            f"{sum(map(sum, judged['counts']))} pixels that were not learnt from, kappa {judged['kappa']:.2f}"
         )
     lines += [f"note: {note}" for note in made.notes]
     lines += [f"figure:   {path}" for path in figures]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,7 @@ def draw_all(products: Products, path: Path | str) -> list[Path]:
         "": fused_figure(fusion, settings["features"]),
         "_pauli": pauli_figure(polarimetry),
         "_lexicographic": lexicographic_figure(polarimetry),
-        "_classes": class_figure(fusion, settings["classes"]),
+        "_classes": class_figure(fusion, settings),
         "_overlay": overlay_figure(products.read("optics"), polarimetry, fusion, camera, float(settings["z_m"])),
     }
     return [
@@ -133,12 +134,12 @@ def fused_figure(fusion: Arrays, names: list[str]) -> Figure:
     return figure
 
 
-def class_figure(fusion: Arrays, classes: dict[str, Any]) -> Figure:
-    """Map of the K-means classes with a legend, and where they lie between DOLP and even bounce.
+def class_figure(fusion: Arrays, settings: Mapping[str, Any]) -> Figure:
+    """Map of the classes with a legend, and where they lie between DOLP and even bounce.
 
     Args:
         fusion: arrays of the stage "fusion".
-        classes: summaries by name in the order of the labels, as in the stage's settings.
+        settings: of that stage.
     """
     x, y, labels = fusion["x_m"], fusion["y_m"], fusion["classes"].astype(np.float64)
     aspect = float(np.ptp(y)) / float(np.ptp(x))
@@ -159,7 +160,8 @@ def class_figure(fusion: Arrays, classes: dict[str, Any]) -> Figure:
     style.metres(on_ground)
     style.panel(on_ground, "on the ground")
     # A class too small for statistics has no summary, but its pixels are on the map.
-    known = {name: classes.get(name) for name in (f"class {i + 1}" for i in range(count))}
+    numbered = [f"class {i + 1}" for i in range(count)]
+    known = {name: settings["classes"].get(name) for name in settings.get("class_names", numbered)[:count]}
     handles = [
         Patch(color=colour, label=name if item is None else f"{name}: {item['mechanism']}, {item['pixels']} px")
         for colour, (name, item) in zip(colours, known.items(), strict=True)

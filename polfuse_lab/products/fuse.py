@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.fuse_classes import Classifier, classify, confusion_settings
 from polfuse_lab.products.optics import pinhole_of
 from polfuse_lab.products.region_statistics import (
     ClassSummary,
@@ -24,9 +25,8 @@ from polfuse_lab.products.region_statistics import (
 )
 from polfuse_lab.products.store import Products
 from processing.errors import DataError
-from processing.fusion.anomalies import reed_xiaoli
+from processing.fusion.anomalies import local_reed_xiaoli, reed_xiaoli
 from processing.fusion.features import FEATURES, fused_vector, normalized_components
-from processing.fusion.kmeans import UNCLASSIFIED, Classes, kmeans
 from processing.fusion.registration import GeometryErrors, ground_to_camera, registration_error, sample_bilinear
 from processing.fusion.separability import class_statistics
 from processing.optics.debias import debias
@@ -44,7 +44,7 @@ class FuseResult:
 
     products: Path
     classes: dict[str, ClassSummary]
-    """K-means classes."""
+    """What the classifier found."""
     regions: dict[str, ClassSummary]
     """Regions of the regions file; empty without one."""
     pairs: dict[str, Separability]
@@ -56,6 +56,8 @@ class FuseResult:
     """Median over the fused pixels."""
     notes: tuple[str, ...]
     """What could not be done, and why."""
+    confusion: dict[str, Any] | None = None
+    """Of learnt classes, on pixels that were not learnt from: counts (row true, column told), accuracy, kappa."""
 
 
 def fuse(
@@ -67,6 +69,7 @@ def fuse(
     start: Literal["k-means++", "even"] = "k-means++",
     min_snr_db: float = 6.0,
     dynamic_range_db: float = 30.0,
+    classifier: Classifier = "kmeans",
     normalization: Literal["pixel", "scene"] = "pixel",
     angle_sd_rad: float = np.radians(1.0),
     height_sd_m: float = 0.3,
@@ -75,16 +78,18 @@ def fuse(
 
     Writes stage "fusion": ``features`` (4, ny, nx) float32 in the order of the settings' ``features``, ``classes``
     (ny, nx) int8 (-1: none), ``s0_on_ground``, ``dolp_on_ground``, ``u_px``, ``v_px``, ``registration_error_px``,
-    ``rx``, ``x_m``, ``y_m``. Undefined pixels are NaN.
+    ``rx``, ``local_rx``, ``x_m``, ``y_m``. Undefined pixels are NaN.
 
     Args:
         products_path: products file with stages "calibration", "polarimetry" and "optics".
         regions: regions file; distances are then between its regions instead of the classes.
-        classes: number of K-means classes.
-        seed: of K-means.
+        classes: number of K-means classes; ISODATA begins with so many, a mixture has so many at most.
+        seed: of anything random in the classifier.
         start: of K-means; "even" as in the thesis.
         min_snr_db: least span over noise of a radar pixel, dB; fainter pixels have no mechanism.
         dynamic_range_db: span below the brightest pixel's, dB, at which pixels end; fainter ones show side lobes.
+        classifier: ``"kmeans"``, ``"isodata"``, ``"mixture"`` (of normal classes), or learnt from the regions and
+            judged on pixels that were not learnt from: ``"likelihood"``, ``"svm"``, ``"forest"``.
         normalization: see :func:`processing.fusion.features.normalized_components`.
         angle_sd_rad: how well the camera's direction is known, rad.
         height_sd_m: how far above the ground scatterers may stand, m.
@@ -115,13 +120,15 @@ def fuse(
             advice="check the camera's place and direction in the rig file, or lower --min-snr-db",
         )
     samples = features.reshape(4, -1).T
-    found = _ordered(kmeans(samples, classes, seed=seed, start=start))
+    patches = () if regions is None else read_regions(regions)
+    drawn = region_samples(patches, features, x_m, y_m, str(regions))
+    found = classify(
+        features, classifier, classes=classes, seed=seed, start=start, regions=patches, x_m=x_m, y_m=y_m
+    )  # fmt: skip
     notes: list[str] = []
-    by_class = statistics({f"class {i + 1}": samples[found.labels == i] for i in range(classes)}, notes)
-    by_region: dict[str, Group] = {}
-    if regions is not None:
-        drawn = region_samples(read_regions(regions), features, x_m, y_m, str(regions))
-        by_region = statistics(drawn, notes, strict=True)
+    labels = found.labels.ravel()
+    by_class = statistics({name: samples[labels == k] for k, name in enumerate(found.names)}, notes)
+    by_region: dict[str, Group] = statistics(drawn, notes, strict=True)
     rx = _anomalies(features, notes)
     result = FuseResult(
         products=products.path,
@@ -132,16 +139,18 @@ def fuse(
         iterations=found.iterations,
         registration_error_px=float(np.median(error_px[fused])),
         notes=tuple(notes),
+        confusion=None if found.judged is None else confusion_settings(found.judged, found.names),
     )
     arrays: dict[str, NDArray[Any]] = {
         "features": features.astype(np.float32),
-        "classes": found.labels.reshape(fused.shape).astype(np.int8),
+        "classes": found.labels.astype(np.int8),
         "s0_on_ground": s0.astype(np.float32),
         "dolp_on_ground": dolp.astype(np.float32),
         "u_px": u.astype(np.float32),
         "v_px": v.astype(np.float32),
         "registration_error_px": error_px.astype(np.float32),
         "rx": rx.astype(np.float32),
+        "local_rx": local_reed_xiaoli(features).astype(np.float32),
         "x_m": x_m,
         "y_m": y_m,
     }
@@ -149,6 +158,9 @@ def fuse(
         "features": list(FEATURES),
         "normalization": normalization,
         "z_m": z_m,
+        "classifier": classifier,
+        "class_names": list(found.names),
+        "confusion": result.confusion,
         "seed": seed,
         "start": start,
         "min_snr_db": min_snr_db,
@@ -200,15 +212,6 @@ def _above_noise(
     level = by_name["HH"] + by_name["VV"] + 2 * sum(crosses) / len(crosses) ** 2
     with np.errstate(invalid="ignore"):
         return np.asarray(span_m2 > 10 ** (min_snr_db / 10) * level[:, None])
-
-
-def _ordered(found: Classes) -> Classes:
-    """Classes in a fixed order: most even-bounce first."""
-    order = np.argsort(-found.centres[:, 0], kind="stable")
-    rank = np.empty(len(order), dtype=np.int64)
-    rank[order] = np.arange(len(order))
-    labels = np.where(found.labels == UNCLASSIFIED, UNCLASSIFIED, rank[found.labels])
-    return Classes(labels, found.centres[order], found.iterations, found.changed, found.inertia)
 
 
 def _anomalies(features: Floats, notes: list[str]) -> Floats:

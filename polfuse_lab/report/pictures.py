@@ -172,7 +172,10 @@ def _fusion(products: Products) -> list[Picture]:
         "The fused vector of thesis 6.12 on the ground: three normalised Pauli components from the radar and the "
         "degree of linear polarization from the camera. Grey where one of the two sees nothing above its noise."
     )
-    classes = "K-means classes of the fused vector, and where they lie between two of its components."
+    classes = (
+        f"Classes of the fused vector ({settings.get('classifier', 'kmeans')}), and where they lie between two of its "
+        "components."
+    )
     overlay = "The radar's Pauli composite laid over the camera's picture, with lines of equal ground range."
     camera = pinhole_of(products.settings("optics"))
     drawn = overlay_figure(
@@ -180,7 +183,7 @@ def _fusion(products: Products) -> list[Picture]:
     )
     return [
         _picture("fusion", "Fused vector", fused, fused_figure(arrays, list(settings["features"]))),
-        _picture("classes", "Classes", classes, class_figure(arrays, settings["classes"])),
+        _picture("classes", "Classes", classes, class_figure(arrays, settings)),
         _picture("overlay", "Radar in the camera's picture", overlay, drawn),
     ]
 

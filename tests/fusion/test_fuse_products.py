@@ -182,3 +182,40 @@ def test_lexicographic_components_of_a_reciprocal_target() -> None:
     s = matrix_of_pauli(pauli_vector([[3.0]], [[4.0j]], [[-5.0]]))
     lexicographic = np.abs(lexicographic_vector(s[..., 0, 0], s[..., 0, 1], s[..., 1, 1]))
     np.testing.assert_allclose(lexicographic.ravel(), [3.0, 4.0 * np.sqrt(2.0), 5.0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["isodata", "mixture"])
+def test_classes_that_are_found(products: Path, method: str) -> None:
+    made = fuse(products, classifier=method, classes=3)
+    stage = Products(products).read("fusion")
+    assert at(stage["classes"], *DIHEDRAL.position_m[:2]) != at(stage["classes"], *TRIHEDRAL.position_m[:2])
+    assert made.confusion is None
+    assert list(made.classes)[0] == "class 1"  # most even-bounce first
+    assert made.classes["class 1"].mean["even bounce"] == max(k.mean["even bounce"] for k in made.classes.values())
+    draw_all(Products(products), products.with_name("f.png"))
+
+
+def test_classes_that_are_learnt_are_judged_on_other_pixels(products: Path, tmp_path: Path) -> None:
+    (tmp_path / "r.toml").write_text(REGIONS)
+    made = fuse(products, regions=tmp_path / "r.toml", classifier="likelihood")
+    assert made.confusion is not None
+    counts = np.array(made.confusion["counts"])
+    # Between an even and an odd bounce nothing is mistaken; half of the regions, by squares, was learnt from.
+    assert counts[0, 1] + counts[1, 0] == 0
+    assert 0 < counts.sum() < sum(region.pixels for region in made.regions.values())
+    assert list(made.classes) == ["dihedral", "trihedral"]
+    assert Products(products).settings("fusion")["confusion"]["accuracy"] == 1.0
+    draw_all(Products(products), products.with_name("f.png"))
+    run = CliRunner().invoke(
+        build(), ["fuse", str(products), "--regions", str(tmp_path / "r.toml"), "--classifier", "svm", "--json"]
+    )
+    assert json.loads(run.stdout)["confusion"]["names"] == ["dihedral", "trihedral"]
+    with pytest.raises(PolfuseError, match="learnt by forest from regions"):
+        fuse(products, classifier="forest")
+
+
+def test_what_differs_from_its_neighbourhood_is_told(products: Path) -> None:
+    fuse(products)
+    stage = Products(products).read("fusion")
+    assert stage["local_rx"].shape == GRID.shape
+    assert (stage["local_rx"][np.isfinite(stage["local_rx"])] >= 0).all()
