@@ -190,7 +190,7 @@ def test_classes_that_are_found(products: Path, method: str) -> None:
     stage = Products(products).read("fusion")
     assert at(stage["classes"], *DIHEDRAL.position_m[:2]) != at(stage["classes"], *TRIHEDRAL.position_m[:2])
     assert made.confusion is None
-    assert list(made.classes)[0] == "class 1"  # most even-bounce first
+    assert next(iter(made.classes)) == "class 1"  # most even-bounce first
     assert made.classes["class 1"].mean["even bounce"] == max(k.mean["even bounce"] for k in made.classes.values())
     draw_all(Products(products), products.with_name("f.png"))
 
