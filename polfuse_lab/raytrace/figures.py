@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -30,7 +31,7 @@ def stokes_figure(picture: Picture, title: str) -> Figure:
     """Six panels: S0, S1/S0, S2/S0, DOLP, AOP (cyclic, masked where noise decides it), and thesis 7.7's composite."""
     rows, columns = picture.mean.shape[:2]
     figure = style.new_figure(11.0, max(3.4, 2 * 2.75 * rows / columns + 1.1), title=title)
-    axes = figure.subplots(2, 3, sharex=True, sharey=True)
+    axes = _panels(figure)
     stokes = picture.stokes
     s0 = stokes[..., 0]
     dark = s0 <= 0
@@ -64,11 +65,15 @@ def stokes_figure(picture: Picture, title: str) -> Figure:
 
 
 def composite(stokes: Floats) -> Floats:
-    """R, G, B = S1, S0, S2 (rows, columns, 3) of thesis Fig. 7.7; zero is half way for S1 and S2, dark for S0."""
+    """R, G, B = S1, S0, S2 (rows, columns, 3) of thesis Fig. 7.7; zero is half way for S1 and S2, dark for S0.
+
+    Where there is no light it is grey, as what is undefined is elsewhere.
+    """
     s0, s1, s2 = (stokes[..., i] for i in range(3))
     level = _top(s0)
     span = max(LEAST * level, _top(np.abs(s1)), _top(np.abs(s2)))
-    return np.clip(np.stack([0.5 + s1 / (2 * span), s0 / level, 0.5 + s2 / (2 * span)], axis=-1), 0, 1)
+    colours = np.clip(np.stack([0.5 + s1 / (2 * span), s0 / level, 0.5 + s2 / (2 * span)], axis=-1), 0, 1)
+    return np.where((s0 > 0)[..., None], colours, float(style.UNDEFINED))
 
 
 def active_figure(picture: Picture, title: str) -> Figure:
@@ -79,7 +84,7 @@ def active_figure(picture: Picture, title: str) -> Figure:
     channels = picture.channels()
     rows, columns = picture.mean.shape[:2]
     figure = style.new_figure(11.0, max(3.4, 2 * 2.75 * rows / columns + 1.1), title=f"{title}: active mode")
-    axes = figure.subplots(2, 3, sharex=True, sharey=True)
+    axes = _panels(figure)
     top = max(_top(plane) for plane in channels.values())
     places = {"HH": axes[0, 0], "HV": axes[0, 1], "VH": axes[1, 0], "VV": axes[1, 1]}
     for name, axis in places.items():
@@ -92,7 +97,8 @@ def active_figure(picture: Picture, title: str) -> Figure:
     level = np.where(powers[2] > 0, powers[2], np.nan)
     parts = np.stack([powers[0] / level, powers[1] / level, powers[2] / _top(powers[2])])
     tops = [max(_top(parts[0]), LEAST), max(_top(parts[1]), LEAST), 1.0]
-    stretched = np.nan_to_num(np.clip(parts / np.reshape(tops, (3, 1, 1)), 0, 1))
+    stretched = np.clip(parts / np.reshape(tops, (3, 1, 1)), 0, 1)
+    stretched = np.where(np.isfinite(stretched), stretched, float(style.UNDEFINED))
     style.image(axes[1, 2], np.moveaxis(stretched, 0, -1))
     style.panel(axes[1, 2], f"R, G over HH+VV (to {tops[0]:.2g}, {tops[1]:.2g})")
     for axis in axes[1]:
@@ -100,6 +106,12 @@ def active_figure(picture: Picture, title: str) -> Figure:
     for axis in axes[:, 0]:
         axis.set_ylabel("row")
     return figure
+
+
+def _panels(figure: Figure) -> Any:
+    """Two by three axes, apart so that the labels of colour bars keep clear of their neighbours."""
+    figure.set_layout_engine("constrained", w_pad=0.1, h_pad=0.06)
+    return figure.subplots(2, 3, sharex=True, sharey=True)
 
 
 def _top(plane: Floats) -> float:

@@ -11,7 +11,9 @@ from typer.testing import CliRunner
 
 from polfuse_lab.cli import build
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products import style
 from polfuse_lab.products.store import Products
+from polfuse_lab.raytrace.figures import composite
 from polfuse_lab.raytrace.meshes import read_mesh
 from polfuse_lab.raytrace.scene_file import SCENES, find_scene, read_scene
 from processing.raytrace import bvh, embree, shapes
@@ -69,6 +71,15 @@ def test_a_scene_becomes_products_and_figures(tmp_path: Path) -> None:
     np.testing.assert_allclose(whole, 2 * arrays["s0"], rtol=1e-9, atol=1e-15)
     assert products.units("raytrace")["aop"] == "rad"
     assert products.settings("raytrace")["scene"]["material"][0]["n"] == 1.02
+
+
+def test_pixels_without_light_are_grey_in_the_composite() -> None:
+    # Black of S0 with half-way red and blue would be purple: a colour for what was not seen.
+    stokes = np.zeros((2, 2, 4))
+    stokes[0, 0] = (1.0, 0.5, 0.0, 0.0)
+    colours = composite(stokes)
+    np.testing.assert_allclose(colours[0, 0], [1.0, 1.0, 0.5])
+    np.testing.assert_allclose(colours[1], float(style.UNDEFINED))
 
 
 def test_forward_tracing_tells_of_what_it_cannot_show(tmp_path: Path) -> None:
