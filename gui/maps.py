@@ -16,6 +16,7 @@ MAPS = (SEQUENTIAL, FRACTION, CYCLIC, DIVERGING, "cividis", "gray")
 """Those that can be chosen; cividis reads the same to colour-blind eyes."""
 
 
+ENTRIES = 256
 SPAN_DB = 70.0
 """From the brightest to the darkest level that is told apart where nothing else is said, dB."""
 NOTHING_DB = -170.0
@@ -25,7 +26,11 @@ NOTHING_DB = -170.0
 @cache
 def colour_map(name: str) -> pg.ColorMap:
     """A map of matplotlib's by name."""
-    return pg.colormap.getFromMatplotlib(name)
+    # Not by pyqtgraph's own way, which loads pyplot and with it, on a new computer, every font that there is.
+    from matplotlib import colormaps
+
+    places = np.linspace(0.0, 1.0, ENTRIES)
+    return pg.ColorMap(places, np.round(255 * colormaps[name](places)).astype(np.uint8), name=name)
 
 
 @cache

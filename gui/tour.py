@@ -35,7 +35,7 @@ move_settle_s = 0.05
 frames_per_angle = 2
 settle_s = 0.0
 """
-LONGEST_S = 120.0
+LONGEST_S = 240.0
 
 
 def tour(folder: Path) -> list[dict[str, str]]:
@@ -148,7 +148,8 @@ def _steps(walk: _Walk, session: Path) -> None:
         raise PolfuseError(collect.outcome.reason, where="tour", advice="mend that, then walk again")
     window.show_page("collect")
     walk.save("collected")
-    _after(walk, collect)
+    collect.look_button.click()
+    _after(walk)
     window.show_page("settings")
     walk.save("settings")
 
@@ -161,13 +162,13 @@ def _ready(setup: SetupPage) -> bool:
     return setup.all_ready
 
 
-def _after(walk: _Walk, collect: CollectPage) -> None:
+def _after(walk: _Walk) -> None:
+    """Everything that is made of the session that is open."""
     window = walk.window
     session, products, live = window.page("session"), window.page("products"), window.page("live")
     assert isinstance(live, LivePage)
     assert isinstance(session, SessionPage)
     assert isinstance(products, ProductsPage)
-    collect.look_button.click()
     walk.until(lambda: session.predicted, "a prediction")
     walk.save("session")
     session.optics_button.click()

@@ -44,6 +44,7 @@ class LiveLink(QObject):
         """Look at another engine."""
         self.close()
         self._view = view
+        self.latest_ns = 0
         self._timer.start()
         self.opened.emit()
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from PySide6.QtCore import QObject, Signal
 
 from gui.models import background
 from polfuse_lab import jobs
 from polfuse_lab.cli import calibration_options as options
-from polfuse_lab.products.calibration_inputs import TargetSpec, read_focused
-from polfuse_lab.products.calibration_targets import TargetView, look_in_image
 from polfuse_lab.products.store import Products
+
+if TYPE_CHECKING:  # loaded with the first target: the window opens sooner without
+    from polfuse_lab.products.calibration_inputs import TargetSpec
+    from polfuse_lab.products.calibration_targets import TargetView
 
 Role = Literal["constant", "crosstalk", "check"]
 KINDS: dict[Role, tuple[str, ...]] = {
@@ -22,6 +24,7 @@ KINDS: dict[Role, tuple[str, ...]] = {
     "check": ("dihedral", "trihedral", "trihedral_triangular", "plate", "sphere"),
 }
 """What may stand for what."""
+UPRIGHT_DEG = 90.0
 RADIUS_M, MIN_SNR_DB = 1.0, 10.0
 """How far from its place a peak may be, and its least level over the background: as 'polfuse calibrate' has them."""
 
@@ -40,11 +43,9 @@ class Stated:
 
     def spec(self) -> TargetSpec:
         """As the library takes it, on its axis. Raises :class:`processing.errors.DataError` for impossible numbers."""
-        kind = "dihedral" if self.role == "check" and self.kind == "dihedral" else self.kind
-        fold_deg = 0.0 if self.role == "check" else None
         return options.spec(
-            kind, (self.x_m, self.y_m), self.edge_m, fold_deg=fold_deg, height_m=self.height_m,
-            angle_sd_deg=self.angle_sd_deg, name=self.kind,
+            self.kind, (self.x_m, self.y_m), self.edge_m, height_m=self.height_m, angle_sd_deg=self.angle_sd_deg,
+            name=self.kind,
         )  # fmt: skip
 
 
@@ -95,6 +96,9 @@ class TargetList(QObject):
         self.changed.emit()
 
         def look() -> TargetView:
+            from polfuse_lab.products.calibration_inputs import read_focused
+            from polfuse_lab.products.calibration_targets import look_in_image
+
             return look_in_image(
                 read_focused(Products(products)), stated.spec(), radius_m=RADIUS_M, min_snr_db=MIN_SNR_DB
             )
@@ -146,4 +150,6 @@ class TargetList(QObject):
             check_at=None if check is None else (check.x_m, check.y_m),
             check_edge_m=None if check is None else check.edge_m,
             check_height_m=None if check is None else check.height_m,
+            # A dihedral stands with its fold upright, as in what tells the crosstalk.
+            check_fold_deg=UPRIGHT_DEG if check is not None and check.kind == "dihedral" else None,
         )

@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
     QListWidget,
     QListWidgetItem,
     QPlainTextEdit,
+    QSizePolicy,
     QSplitter,
     QVBoxLayout,
     QWidget,
@@ -120,6 +121,9 @@ class CalibratePage(QWidget):
         self.outcome = QPlainTextEdit()
         self.outcome.setReadOnly(True)
         self.outcome.setPlaceholderText(self.tr("Constant, imbalance and crosstalk with their uncertainties"))
+        for tall, least in ((self.list, 110), (self.outcome, 130)):
+            tall.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
+            tall.setMinimumHeight(least)
         buttons = QHBoxLayout()
         buttons.addWidget(self.remove_button)
         buttons.addStretch(1)
@@ -133,6 +137,9 @@ class CalibratePage(QWidget):
     def _role_chosen(self) -> None:
         self.kind.clear()
         self.kind.addItems(KINDS[self._role])
+        self.kind.setToolTip(
+            self.tr("A dihedral stands with its fold upright, dihedral_45 with its fold at 45 degrees")
+        )
         # Further targets share the height of the first in the command that this page runs.
         self.height_m.setEnabled(self._role != "crosstalk")
 

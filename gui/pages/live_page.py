@@ -87,8 +87,9 @@ class LivePage(QWidget):
         bench.engine.failed.connect(lambda *_: self.replay.hide())
         self.tabs.currentChanged.connect(lambda _: self.link.forget())
         self.link.tick.connect(self._tick)
-        bench.engine.finished.connect(lambda _: self._tell(self.tr("the run has ended; these are its last pictures")))
-        self.link.opened.connect(lambda: self.state.setText(self.tr("waiting for the first data…")))
+        bench.engine.finished.connect(lambda _: self._over())
+        self.link.opened.connect(self._waiting)
+        self._ended = False
         self._here = False
 
     def shown(self) -> None:
@@ -210,8 +211,16 @@ class LivePage(QWidget):
             return
         self._draw[self._tab_names[self.tabs.currentIndex()]]()
         old = self.link.age_s()
-        if old is not None and (self._bench.engine.busy or old < NEWS_S):
+        if old is not None and not self._ended:
             self._tell((self.tr("{0} old") if old < NEWS_S else self.tr("no news for {0}")).format(age(old)))
+
+    def _waiting(self) -> None:
+        self._ended = False
+        self._tell(self.tr("waiting for the first data…"))
+
+    def _over(self) -> None:
+        self._ended = True
+        self._tell(self.tr("the run has ended; these are its last pictures"))
 
     def _tell(self, words: str) -> None:
         if words != self.state.text():

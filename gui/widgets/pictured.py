@@ -14,7 +14,8 @@ DIGITS = {"fraction": 3, "counts": 0}
 def view_of(picture: Picture) -> PictureView:
     """A view that shows it, with the colours, axes and limits of its kind."""
     kind = picture.kind
-    quantity = Quantity(picture.title, picture.unit, COLOURS[kind], digits=DIGITS.get(kind, 1))
+    quantity = Quantity(picture.title, picture.unit, COLOURS[kind], digits=DIGITS.get(kind, 1),
+                        low=0.0 if kind == "counts" else None)  # fmt: skip
     view = PictureView(quantity, ground=picture.x is not None, bar=kind != "colours")
     view.item.setTitle(picture.title)
     if kind == "colours":

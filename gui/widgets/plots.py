@@ -11,6 +11,8 @@ from gui import theme
 
 LINE_PX = 2
 SMALLEST_PX = 90
+BAR_ROOM_PX = 26
+"""For the ticks and the label of a colour bar, beside its numbers."""
 CURSOR = "#19d3e6"
 """Colour of the cross: seen on dark and on light pictures."""
 SIDES = ("bottom", "left")
@@ -106,6 +108,8 @@ class Plot(QWidget):
     def add_bar(self, bar: pg.ColorBarItem) -> None:
         """A colour bar that takes on the theme with the plot."""
         self._bars.append(bar)
+        # Room for five digits: numbers that do not fit are left out.
+        bar.axis.setWidth(round(self.fontMetrics().horizontalAdvance("00000") + BAR_ROOM_PX))
         self.dress()
 
     def _click(self, event: MouseClickEvent) -> None:
