@@ -98,7 +98,7 @@ def active_figure(picture: Picture, title: str) -> Figure:
     parts = np.stack([powers[0] / level, powers[1] / level, powers[2] / _top(powers[2])])
     tops = [max(_top(parts[0]), LEAST), max(_top(parts[1]), LEAST), 1.0]
     stretched = np.clip(parts / np.reshape(tops, (3, 1, 1)), 0, 1)
-    stretched = np.where(np.isfinite(stretched), stretched, float(style.UNDEFINED))
+    stretched = np.where(np.isfinite(level), stretched, float(style.UNDEFINED))
     style.image(axes[1, 2], np.moveaxis(stretched, 0, -1))
     style.panel(axes[1, 2], f"R, G over HH+VV (to {tops[0]:.2g}, {tops[1]:.2g})")
     for axis in axes[1]:
