@@ -57,7 +57,8 @@ def _checked(planes: Planes, window: int) -> Planes:
 @njit(cache=True, nogil=True, parallel=True)
 def _average(planes: NDArray[Any], defined: NDArray[np.bool_], reach: int, made: NDArray[Any]) -> None:
     for row in prange(planes.shape[1]):
-        _average_row(planes, defined, reach, made, row)
+        # prange counts unsigned; without the cast the row would be compiled for both kinds of numbers.
+        _average_row(planes, defined, reach, made, np.int64(row))
 
 
 @njit(cache=True, nogil=True)

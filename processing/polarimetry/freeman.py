@@ -60,7 +60,8 @@ def freeman_durden_reference(planes: Planes) -> Floats:
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def _image(t: NDArray[Any], made: NDArray[Any]) -> None:
     for row in prange(t.shape[1]):
-        _row(t, made, row)
+        # prange counts unsigned; without the cast the row would be compiled for both kinds of numbers.
+        _row(t, made, np.int64(row))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

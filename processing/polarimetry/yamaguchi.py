@@ -99,7 +99,8 @@ def _number(model: str) -> int:
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def _image(t: NDArray[Any], model: int, made: NDArray[Any]) -> None:
     for row in prange(t.shape[1]):
-        _row(t, model, made, row)
+        # prange counts unsigned; without the cast the row would be compiled for both kinds of numbers.
+        _row(t, model, made, np.int64(row))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

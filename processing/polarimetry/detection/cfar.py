@@ -73,8 +73,13 @@ def cfar(
         DataError: no image, or a rate, number of looks or kind that cannot be.
     """
     values, around = _prepared(intensity, false_alarm, looks, ring, kind)
-    level, counts = np.empty_like(values), np.empty(values.shape, dtype=np.int64)
-    _levels(values, around.outer // 2, around.guard // 2, RANK if kind == "os" else 0.0, level, counts)
+    if kind == "os":
+        level, counts = np.empty_like(values), np.empty(values.shape, dtype=np.int64)
+        _ordered_values(values, around.outer // 2, around.guard // 2, RANK, level, counts)
+    else:
+        defined = ~np.isnan(values)
+        counts = _ring_counts(defined, around)
+        level = _means(values if defined.all() else np.where(defined, values, 0.0), around, counts)
     return _over_threshold(values, level, counts, false_alarm, looks, kind)
 
 
@@ -107,11 +112,10 @@ def ring_average(planes: Planes, ring: Ring) -> Floats:
         DataError: planes of another shape.
     """
     given = as_planes(planes).astype(np.float64)
-    given[:, ~np.isfinite(given).all(axis=0)] = np.nan
-    made, counts = np.empty_like(given), np.empty(given.shape[1:], dtype=np.int64)
-    for plane, level in zip(given, made, strict=True):
-        _levels(plane, ring.outer // 2, ring.guard // 2, 0.0, level, counts)
-    return np.where(counts >= FEWEST, made, np.nan)
+    defined = np.asarray(np.isfinite(given).all(axis=0))
+    given[:, ~defined] = 0.0
+    counts = _ring_counts(defined, ring)
+    return np.where(counts >= FEWEST, [_means(plane, ring, counts) for plane in given], np.nan)
 
 
 @functools.lru_cache(maxsize=8192)
@@ -162,6 +166,31 @@ def _check(false_alarm: float, looks: float, kind: str) -> None:
         raise DataError(f"there is no CFAR of kind {kind!r}", "choose ca (cell averaging) or os (ordered statistic)")
 
 
+def _ring_counts(defined: NDArray[np.bool_], ring: Ring) -> NDArray[np.int64]:
+    """Defined pixels in the ring around each pixel."""
+    if not defined.all():
+        counts = np.empty(defined.shape)
+        _ring_sums(defined.astype(np.float64), ring.outer // 2, ring.guard // 2, counts)
+        return counts.astype(np.int64)
+    (rows, columns), (guarded_rows, guarded_columns) = (
+        [np.minimum(at + width // 2, size - 1) - np.maximum(at - width // 2, 0) + 1 for size, at in axes]
+        for axes in [[(size, np.arange(size)) for size in defined.shape]]
+        for width in (ring.outer, ring.guard)
+    )
+    counts: NDArray[np.int64] = np.multiply.outer(rows, columns)
+    counts -= np.multiply.outer(guarded_rows, guarded_columns)
+    return counts
+
+
+def _means(values: Floats, ring: Ring, counts: NDArray[np.int64]) -> Floats:
+    """Means of the rings; undefined pixels are given as 0. NaN where nothing is counted."""
+    means = np.empty_like(values)
+    _ring_sums(values, ring.outer // 2, ring.guard // 2, means)
+    with np.errstate(invalid="ignore"):
+        means /= counts
+    return means
+
+
 def _over_threshold(
     values: Floats, level: Floats, counts: NDArray[np.int64], false_alarm: float, looks: float, kind: Kind
 ) -> Floats:
@@ -169,53 +198,46 @@ def _over_threshold(
     for count in np.flatnonzero(np.bincount(counts.ravel())):
         if count >= FEWEST:
             factors[count] = factor(int(count), false_alarm=false_alarm, looks=looks, kind=kind)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(level > 0, values / (level * factors[counts]), np.nan))
+    threshold: Floats = factors[counts]
+    threshold *= level
+    threshold[~(threshold > 0)] = np.nan
+    return np.divide(values, threshold, out=threshold)
 
 
 @njit(cache=True, nogil=True, parallel=True)
-def _levels(
-    values: NDArray[Any], outer: int, guard: int, rank: float, level: NDArray[Any], counts: NDArray[np.int64]
-) -> None:  # fmt: skip
+def _ring_sums(values: NDArray[np.float64], outer: int, guard: int, sums: NDArray[np.float64]) -> None:
     for row in prange(values.shape[0]):
-        if rank > 0.0:
-            _ordered_row(values, outer, guard, rank, level, counts, row)
-        else:
-            _mean_row(values, outer, guard, level, counts, row)
+        # prange counts unsigned; without the cast the row would be compiled for both kinds of numbers.
+        _ring_row(values, outer, guard, sums, np.int64(row))
 
 
 @njit(cache=True, nogil=True)
-def _mean_row(
-    values: NDArray[Any], outer: int, guard: int, level: NDArray[Any], counts: NDArray[np.int64], row: int
-) -> None:  # fmt: skip
+def _ring_row(values: NDArray[np.float64], outer: int, guard: int, sums: NDArray[np.float64], row: int) -> None:
     """Sums of columns, whole and without the guarded rows, so that nothing strong is added and taken away again."""
     rows, columns = values.shape
-    whole, ring = np.zeros(columns + 2 * outer), np.zeros(columns + 2 * outer)
-    many, few = np.zeros(columns + 2 * outer), np.zeros(columns + 2 * outer)
+    ring, whole = np.zeros(columns + 2 * outer), np.zeros(columns + 2 * outer)
     for r in range(max(row - outer, 0), min(row + outer + 1, rows)):
-        part = 1.0 if abs(r - row) > guard else 0.0
+        line = ring if abs(r - row) > guard else whole
         for c in range(columns):
-            value = values[r, c]
-            number = 0.0 if np.isnan(value) else 1.0
-            kept = 0.0 if np.isnan(value) else value
-            whole[c + outer] += kept
-            many[c + outer] += number
-            ring[c + outer] += kept if part > 0.0 else 0.0
-            few[c + outer] += number * part
-    # Pixels of the row in the inner loop: independent sums, which the compiler makes several of at a time.
-    total, count = np.zeros(columns), np.zeros(columns)
-    for k in range(2 * outer + 1):
-        if abs(k - outer) > guard:
-            for c in range(columns):
-                total[c] += whole[c + k]
-                count[c] += many[c + k]
-        else:
-            for c in range(columns):
-                total[c] += ring[c + k]
-                count[c] += few[c + k]
+            line[c + outer] += values[r, c]
     for c in range(columns):
-        counts[row, c] = int(count[c])
-        level[row, c] = total[c] / count[c] if count[c] > 0.0 else np.nan
+        whole[c + outer] += ring[c + outer]
+        sums[row, c] = 0.0
+    # Pixels of the row in the inner loop: independent sums, which the compiler makes several of at a time.
+    for k in range(2 * outer + 1):
+        line = whole if abs(k - outer) > guard else ring
+        for c in range(columns):
+            sums[row, c] += line[c + k]
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _ordered_values(
+    values: NDArray[np.float64], outer: int, guard: int, rank: float, level: NDArray[np.float64],
+    counts: NDArray[np.int64],
+) -> None:  # fmt: skip
+    for row in prange(values.shape[0]):
+        # prange counts unsigned; without the cast the row would be compiled for both kinds of numbers.
+        _ordered_row(values, outer, guard, rank, level, counts, np.int64(row))
 
 
 @njit(cache=True, nogil=True)
