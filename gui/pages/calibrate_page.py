@@ -137,9 +137,7 @@ class CalibratePage(QWidget):
     def _role_chosen(self) -> None:
         self.kind.clear()
         self.kind.addItems(KINDS[self._role])
-        self.kind.setToolTip(
-            self.tr("A dihedral stands with its fold upright, dihedral_45 with its fold at 45 degrees")
-        )
+        self.kind.setToolTip(self.tr("dihedral: its fold stands upright; dihedral_45: at 45 degrees"))
         # Further targets share the height of the first in the command that this page runs.
         self.height_m.setEnabled(self._role != "crosstalk")
 

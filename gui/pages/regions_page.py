@@ -98,6 +98,7 @@ class RegionsPage(QWidget):
         column.addLayout(tools)
         column.addWidget(parts, 1)
         bench.products_opened.connect(self.open)
+        bench.products_changed.connect(self._again)
         self.regions.changed.connect(self._redraw)
         self.regions.reported.connect(self._show)
         self.regions.failed.connect(self.words.setText)
@@ -107,6 +108,11 @@ class RegionsPage(QWidget):
         self.where.setText(str(path))
         self.regions.look_at(path)
         background.run(lambda: picture_names(Products(path)), self._listed, self._bench.error.emit)
+
+    def _again(self) -> None:
+        """There may be a fused picture now."""
+        if self._bench.products is not None and self.background.count() == 0:
+            self.open(self._bench.products)
 
     def draw(self) -> None:
         """Add a square in the middle of what is shown."""
