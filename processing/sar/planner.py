@@ -55,8 +55,10 @@ MIGRATION_WINDOW_DB = -3.0
 """By how much a window over the ramp lowers it where nothing but spectral leakage is left, up to the first angle."""
 
 FACTORIZED_TYPICAL_DB = -2.5
-"""What is measured of factorized back-projection over the bound that its settings are chosen by, dB, by the taps of its
-interpolation along the angle."""
+"""What is measured of factorized back-projection over the bound that its settings are chosen by, dB."""
+
+FACTORIZED_WINDOW_DB = -3.0
+"""By how much a window over the ramp lowers that: the band's edges, where its filters are worst, hold little then."""
 
 FACTORIZED_PULSES, FACTORIZED_PIXELS = 192, 2**18
 """Pulses and pixels from which factorized back-projection is chosen of itself; below it hardly pays."""
@@ -210,6 +212,8 @@ def choices(task: Task, tolerance_db: float = -50.0, method: str = "auto") -> li
         if oversampling >= 2:
             chosen = settings_for(tolerance_db, task.pulses, oversampling)
             error = chosen.predicted_error_db + FACTORIZED_TYPICAL_DB
+            if task.window != "rectangular":
+                error += FACTORIZED_WINDOW_DB
             seconds = predicted_seconds(chosen, task.pixels, task.pulses, task.channels)
             offered.append(Choice("ffbp", "sinc8", error, ranging + seconds, "", oversampling, tolerance_db))
     return sorted(offered, key=lambda choice: (choice.seconds, choice.predicted_error_db))
