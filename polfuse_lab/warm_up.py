@@ -11,6 +11,7 @@ import numpy as np
 
 from processing.calibration.facets import plate_facets
 from processing.calibration.physical_optics import Antennas, physical_optics_scattering
+from processing.fusion.anomalies import local_reed_xiaoli
 from processing.fusion.kmeans import kmeans
 from processing.optics.binning import bin_frame
 from processing.optics.demosaic import demosaic
@@ -29,10 +30,11 @@ from processing.polarimetry.speckle.refined_lee import refined_lee
 from processing.polarimetry.touzi import touzi
 from processing.polarimetry.wishart import wishart_classify
 from processing.polarimetry.yamaguchi import yamaguchi
+from processing.radar.beat_kernel import beat_along_track
 from processing.radar.profiles import RangeProfiles
 from processing.radar.ridges import best_path
 from processing.raytrace.backward import backward
-from processing.raytrace.forward import forward
+from processing.raytrace.forward import forward, lit_points
 from processing.raytrace.materials import Fresnel
 from processing.raytrace.shapes import dihedral
 from processing.raytrace.sources import Sun
@@ -64,7 +66,12 @@ def warm_up() -> None:
     backproject(replace(profiles, values=profiles.values[:, :1], antenna_m=antenna_m[:1]), grid)
     range_migration(profiles, grid)
     polar_format(profiles, ImageGrid(np.linspace(-0.5, 0.5, 8), np.linspace(9.5, 10.5, 8), -1.0))
-    factorized(profiles, grid)
+    # Enough pulses and pixels that parts of the aperture are merged.
+    track_m = np.zeros((96, 3))
+    track_m[:, 0] = np.linspace(-0.4, 0.4, 96)
+    many = replace(profiles, values=np.tile(profiles.values, (1, 6, 1)), antenna_m=track_m)
+    factorized(many, ImageGrid(np.linspace(-1.0, 1.0, 64), np.linspace(4.0, 8.0, 64), -1.0))
+    beat_along_track(np.full(4, 2.4e9), np.zeros(4), antenna_m[:4], [[0.0, 5.0, 0.0]], [1.0])
 
     angles = np.radians([0.0, 45.0, 90.0, 135.0])
     series = PolarizerSeries(
@@ -75,16 +82,19 @@ def warm_up() -> None:
     for counts in (np.uint8, np.uint16):
         bin_frame(np.ones((4, 4), dtype=counts), 2, 255)
     for counts in (np.uint8, np.uint16):
-        mosaic_stokes(np.full((4, 16), 100, dtype=counts), parse_mosaic("90-45-135-0"))
+        for solution in (None, np.full((3, 4), 0.3)):  # ideal polarizers, and calibrated ones
+            mosaic_stokes(np.full((4, 16), 100, dtype=counts), parse_mosaic("90-45-135-0"), solution=solution)
     demosaic(np.ones((4, 4)), parse_mosaic("90-45-135-0"))
     physical_optics_scattering(plate_facets(0.2, 0.2), Antennas.at([[3.0, 0.0, 0.0]]), 0.125)
     kmeans(np.arange(24.0).reshape(8, 3), 2)
+    local_reed_xiaoli(np.arange(24.0).reshape(1, 4, 6), guard=0, reach=2)
     best_path(np.ones((4, 8)), np.array([-1.0, 0.0, 1.0]))
 
     mirrors = world(dihedral(1.0), [Fresnel(1.5, 0.2)], [Sun((0.0, 1.0, 1.0))])
     view = View((0.0, 3.0, 3.0), (0.0, 0.5, 0.5), 4, 4, 0.3)
     backward(mirrors, view, samples=1)
     forward(mirrors, view, rays=2)
+    lit_points(mirrors, 0, rays=2)
 
     _polarimetry()
 
