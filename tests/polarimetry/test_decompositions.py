@@ -97,6 +97,21 @@ def test_120_db_of_dynamic_range_change_nothing_but_the_scale(name: str, level: 
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
+def test_mechanisms_120_db_apart_within_a_pixel() -> None:
+    # Surface with a cross-polarized power of 1e-12: the volume is 4 T33 (Freeman and Durden 1998).
+    powers = freeman_durden(one(np.diag([1.0, 0.0, 1e-12])))[:, 0, 0]
+    np.testing.assert_allclose(powers, [1.0, 0.0, 4e-12], rtol=1e-9, atol=1e-20)
+    # Eigenvalues of 1, 1e-12 and 1e-13 in any basis: angles are those of the strongest vector. Its error is that of T's
+    # rounding, 2e-16, and the others weigh 1e-12.
+    rng = np.random.default_rng(8)
+    v = np.linalg.qr(rng.normal(size=(3, 3)) + 1j * rng.normal(size=(3, 3)))[0]
+    found = h_a_alpha(one(v @ np.diag([1.0, 1e-12, 1e-13]) @ v.conj().T))[:, 0, 0]
+    np.testing.assert_allclose(found[[2, 3]], np.arccos(abs(v[0, 0])), atol=1e-9)
+    np.testing.assert_allclose(found[0], entropy_of([1.0, 1e-12, 1e-13]), atol=1e-12)
+    np.testing.assert_allclose(found[1], 9 / 11, atol=1e-2)
+    np.testing.assert_allclose(found[4:6], [1.0, 1e-12], rtol=1e-3)
+
+
 @pytest.mark.parametrize("name", POWERS)
 def test_negative_powers_of_noise_subtraction(name: str) -> None:
     # A negative cross-polarized power counts as it is; a negative span is no power.
