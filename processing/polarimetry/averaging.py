@@ -62,7 +62,7 @@ def _average(planes: NDArray[Any], defined: NDArray[np.bool_], reach: int, made:
 
 
 @njit(cache=True, nogil=True)
-def _average_row(planes: NDArray[Any], defined: NDArray[np.bool_], reach: int, made: NDArray[Any], row: int) -> None:
+def _average_row(planes: NDArray[Any], defined: NDArray[np.bool_], reach: int, made: NDArray[Any], row: Any) -> None:
     count, rows, columns = planes.shape
     above, below = max(row - reach, 0), min(row + reach + 1, rows)
     sums = np.zeros(columns + 2 * reach)

@@ -65,7 +65,7 @@ def _image(t: NDArray[Any], made: NDArray[Any]) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _row(t: NDArray[Any], made: NDArray[Any], row: int) -> None:
+def _row(t: NDArray[Any], made: NDArray[Any], row: Any) -> None:
     for column in range(t.shape[2]):
         sound = 0.0
         for plane in range(9):

@@ -96,7 +96,7 @@ def _image(t: NDArray[Any], small: float, made: NDArray[Any]) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _row(t: NDArray[Any], small: float, made: NDArray[Any], row: int) -> None:
+def _row(t: NDArray[Any], small: float, made: NDArray[Any], row: Any) -> None:
     values = np.empty(3)
     vectors = np.empty((3, 3), dtype=np.complex128)
     means = np.empty(4)

@@ -104,7 +104,7 @@ def _image(t: NDArray[Any], model: int, made: NDArray[Any]) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _row(t: NDArray[Any], model: int, made: NDArray[Any], row: int) -> None:
+def _row(t: NDArray[Any], model: int, made: NDArray[Any], row: Any) -> None:
     pixel = np.empty(9)
     for column in range(t.shape[2]):
         sound = 0.0

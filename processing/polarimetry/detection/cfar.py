@@ -169,17 +169,17 @@ def _check(false_alarm: float, looks: float, kind: str) -> None:
 def _ring_counts(defined: NDArray[np.bool_], ring: Ring) -> NDArray[np.int64]:
     """Defined pixels in the ring around each pixel."""
     if not defined.all():
-        counts = np.empty(defined.shape)
-        _ring_sums(defined.astype(np.float64), ring.outer // 2, ring.guard // 2, counts)
-        return counts.astype(np.int64)
-    (rows, columns), (guarded_rows, guarded_columns) = (
-        [np.minimum(at + width // 2, size - 1) - np.maximum(at - width // 2, 0) + 1 for size, at in axes]
-        for axes in [[(size, np.arange(size)) for size in defined.shape]]
-        for width in (ring.outer, ring.guard)
-    )
-    counts: NDArray[np.int64] = np.multiply.outer(rows, columns)
-    counts -= np.multiply.outer(guarded_rows, guarded_columns)
-    return counts
+        sums = np.empty(defined.shape)
+        _ring_sums(defined.astype(np.float64), ring.outer // 2, ring.guard // 2, sums)
+        return sums.astype(np.int64)
+    within = [[_within(size, width // 2) for size in defined.shape] for width in (ring.outer, ring.guard)]
+    return np.asarray(np.multiply.outer(*within[0]) - np.multiply.outer(*within[1]))
+
+
+def _within(size: int, reach: int) -> NDArray[np.int64]:
+    """Places no farther than ``reach`` from each place of a line."""
+    at = np.arange(size)
+    return np.asarray(np.minimum(at + reach, size - 1) - np.maximum(at - reach, 0) + 1)
 
 
 def _means(values: Floats, ring: Ring, counts: NDArray[np.int64]) -> Floats:
@@ -212,7 +212,7 @@ def _ring_sums(values: NDArray[np.float64], outer: int, guard: int, sums: NDArra
 
 
 @njit(cache=True, nogil=True)
-def _ring_row(values: NDArray[np.float64], outer: int, guard: int, sums: NDArray[np.float64], row: int) -> None:
+def _ring_row(values: NDArray[np.float64], outer: int, guard: int, sums: NDArray[np.float64], row: Any) -> None:
     """Sums of columns, whole and without the guarded rows, so that nothing strong is added and taken away again."""
     rows, columns = values.shape
     ring, whole = np.zeros(columns + 2 * outer), np.zeros(columns + 2 * outer)
@@ -242,7 +242,8 @@ def _ordered_values(
 
 @njit(cache=True, nogil=True)
 def _ordered_row(
-    values: NDArray[Any], outer: int, guard: int, rank: float, level: NDArray[Any], counts: NDArray[np.int64], row: int
+    values: NDArray[Any], outer: int, guard: int, rank: float, level: NDArray[Any], counts: NDArray[np.int64],
+    row: Any,
 ) -> None:  # fmt: skip
     rows, columns = values.shape
     training = np.empty((2 * outer + 1) ** 2)
