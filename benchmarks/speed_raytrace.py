@@ -129,12 +129,15 @@ def _slope(quick: bool) -> Row:
     given = case("trihedral", "rough aluminium", 32)
     scene = prepared(given)
     backward(scene, given.view, bounces=BOUNCES, samples=1)
-    truth = backward(scene, given.view, bounces=BOUNCES, samples=4_000 if quick else 30_000, seed=99).mean
-    counts = [4, 16, 64, 256] if quick else [4, 16, 64, 256, 1024]
+    truth = backward(scene, given.view, bounces=BOUNCES, samples=4_000 if quick else 30_000, seed=99)
+    level, own = float(truth.mean[..., 0].mean()), float(np.mean(truth.standard_error**2))
+    # From where a call's own cost no longer counts beside that of its rays.
+    counts = [16, 64, 256, 1024] if quick else [16, 64, 256, 1024, 4096]
     errors, seconds = [], []
     for count in counts:
         made, _, used = _timed(lambda count=count: backward(scene, given.view, bounces=BOUNCES, samples=count))
-        errors.append(float(np.sqrt(np.mean((made.mean - truth) ** 2))) / float(truth[..., 0].mean()))
+        # What is left of the truth's own noise is taken off.
+        errors.append(math.sqrt(float(np.mean((made.mean - truth.mean) ** 2)) - own) / level)
         seconds.append(used)
     slope, start = np.polyfit(np.log(seconds), np.log(errors), 1)
     off = float(np.max(np.abs(np.log(errors) - slope * np.log(seconds) - start)))
