@@ -30,13 +30,17 @@ def run(quick: bool) -> list[Row]:
 
 def soak(repaints: int) -> Row:
     """So many repaints in a process of its own."""
+    python = platform.python_version()
     with tempfile.TemporaryDirectory() as scratch:
         environment = {**os.environ, "POLFUSE_USER_DATA": scratch, "QT_QPA_PLATFORM": "offscreen"}
-        done = subprocess.run(
-            [sys.executable, "-m", "benchmarks.reliability_gui", "--work", str(repaints)],
-            capture_output=True, text=True, timeout=120 + 0.5 * repaints, env=environment, check=False,
-        )  # fmt: skip
-    python = platform.python_version()
+        try:
+            done = subprocess.run(
+                [sys.executable, "-m", "benchmarks.reliability_gui", "--work", str(repaints)],
+                capture_output=True, text=True, timeout=120 + 0.5 * repaints, env=environment, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired as error:
+            told = f"no end within {error.timeout:g} s"
+            return Row(f"reliability.gui: repaints on Python {python}", "", None, False, "no crash", error=told)
     if done.returncode != 0:
         words = (done.stderr.strip().splitlines() or ["no word"])[-1]
         told = f"exit status {done.returncode}: {words}"

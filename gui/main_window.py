@@ -170,7 +170,8 @@ class MainWindow(QMainWindow):
         found = self.bench.live.glance("levels")
         if found is None:
             return
-        if time.monotonic_ns() - found.t_sample_ns > STALE_NS:
+        played = self.bench.engine.replaying and self.bench.engine.busy
+        if not played and time.monotonic_ns() - found.t_sample_ns > STALE_NS:
             self.strip.show_sync("", True)
             return
         period_s = float(found.values["period_s"])

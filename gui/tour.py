@@ -238,7 +238,8 @@ def _regions_and_comparison(walk: _Walk, session: SessionPage) -> None:
     walk.save("regions")
     window.show_page("compare")
     compare.open(0, session.products)
-    compare.open(1, session.products)
+    assert window.bench.session is not None
+    compare.open(1, window.bench.session)  # its products are beside it
     walk.until(lambda: all(picture.count() for picture in compare.pictures), "both files")
     for number, name in enumerate(("calibration.HH", "calibration.HV")):
         compare.choose(number, name)

@@ -189,7 +189,7 @@ class ComparePage(QWidget):
             return
         digits = left.quantity.digits
         self.readout.setText(
-            self.tr("left {0:.{d}f} {u}, right {1:.{d}f} {u}: right minus left {2:+.{d}f} {u}").format(
-                one, other, other - one, d=digits, u=unit
+            self.tr("left {0:.{d}f} {u}, right {1:.{d}f} {u}: right minus left {2:+.{d}f} {v}").format(
+                one, other, other - one, d=digits, u=unit, v="dB" if unit.startswith("dB") else unit
             )
         )

@@ -211,7 +211,10 @@ class LivePage(QWidget):
             return
         self._draw[self._tab_names[self.tabs.currentIndex()]]()
         old = self.link.age_s()
-        if old is not None and not self._ended:
+        if self._bench.engine.replaying and not self._ended:
+            # Its samples are as old as the recording.
+            self._tell(self.tr("a recording is played"))
+        elif old is not None and not self._ended:
             self._tell((self.tr("{0} old") if old < NEWS_S else self.tr("no news for {0}")).format(age(old)))
 
     def _waiting(self) -> None:

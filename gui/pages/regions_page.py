@@ -11,6 +11,7 @@ from PySide6.QtWidgets import (
     QComboBox,
     QFileDialog,
     QHBoxLayout,
+    QHeaderView,
     QSplitter,
     QTableWidget,
     QTableWidgetItem,
@@ -49,6 +50,10 @@ class RegionsPage(QWidget):
         self.table = QTableWidget(0, 3)
         self.table.setHorizontalHeaderLabels([self.tr("name"), self.tr("pixels"), self.tr("mean of each feature")])
         self.table.horizontalHeader().setStretchLastSection(True)
+        self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        self.table.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        self.table.verticalHeader().hide()
+        self.table.setWordWrap(True)
         self.table.itemChanged.connect(self._renamed)
         self.pairs = QTableWidget(0, 4)
         self.pairs.setHorizontalHeaderLabels(
@@ -56,6 +61,8 @@ class RegionsPage(QWidget):
         )
         self.pairs.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
         self.pairs.horizontalHeader().setStretchLastSection(True)
+        self.pairs.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        self.pairs.verticalHeader().hide()
         self.words = dim("")
         undo = self.regions.undo
         undo_button = button(self.tr("Undo"), undo.undo, key=_key(QKeySequence.StandardKey.Undo))
@@ -195,7 +202,7 @@ class RegionsPage(QWidget):
         for row, name in enumerate(self._names):
             found = report.regions.get(name)
             if found is not None:
-                means = ", ".join(f"{key} {value:.{FEATURE_DIGITS}f}" for key, value in found.mean.items())
+                means = "\n".join(f"{key} {value:.{FEATURE_DIGITS}f}" for key, value in found.mean.items())
                 self.table.setItem(row, 1, _fixed(str(found.pixels)))
                 self.table.setItem(row, 2, _fixed(means))
         self.table.blockSignals(False)

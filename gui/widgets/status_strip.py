@@ -53,7 +53,8 @@ class StatusStrip(QWidget):
         self._say("loss", words, shown.ok if lost == 0 else shown.bad)
         free = status.disk_free_bytes
         low = free is not None and free < LOW_DISK_BYTES
-        self._say("disk", self.tr("{0} free").format(size(free)), shown.bad if low else None)
+        words = "" if free is None else self.tr("{0} free").format(size(free))
+        self._say("disk", words, shown.bad if low else None)
 
     def show_sync(self, words: str, good: bool) -> None:
         """Show whether the sweeps are found."""
