@@ -15,7 +15,6 @@ from PySide6.QtWidgets import (
     QListWidget,
     QListWidgetItem,
     QPlainTextEdit,
-    QSizePolicy,
     QSplitter,
     QVBoxLayout,
     QWidget,
@@ -32,6 +31,7 @@ from polfuse_lab.jobs import Job
 from polfuse_lab.products.pictures import Picture, load_picture, picture_names
 from polfuse_lab.products.store import Products
 
+LIST_PX = 140
 SIGNS = {True: "✓", False: "✕", None: "…"}
 
 
@@ -121,9 +121,9 @@ class CalibratePage(QWidget):
         self.outcome = QPlainTextEdit()
         self.outcome.setReadOnly(True)
         self.outcome.setPlaceholderText(self.tr("Constant, imbalance and crosstalk with their uncertainties"))
-        for tall, least in ((self.list, 110), (self.outcome, 130)):
-            tall.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
-            tall.setMinimumHeight(least)
+        for tall in (self.list, self.outcome):
+            tall.setMinimumHeight(LIST_PX // 2)
+            tall.setMaximumHeight(LIST_PX)
         buttons = QHBoxLayout()
         buttons.addWidget(self.remove_button)
         buttons.addStretch(1)
