@@ -41,7 +41,7 @@ def stokes_figure(picture: Picture, title: str) -> Figure:
     style.panel(axes[0, 0], "S0")
     with np.errstate(divide="ignore", invalid="ignore"):
         fractions = [np.where(dark, np.nan, stokes[..., i] / s0) for i in (1, 2)]
-    span = max(LEAST, *(_top(np.abs(fraction)) for fraction in fractions))
+    span = max(LEAST, _top(np.abs(np.stack(fractions))))
     for axis, fraction, label in zip(axes[0, 1:], fractions, ("S1", "S2"), strict=True):
         shown = style.image(axis, fraction, low=-span, high=span, colours=style.DIVERGING)
         style.colour_bar(shown, axis, f"{label} / S0", extend="both")
@@ -71,7 +71,7 @@ def composite(stokes: Floats) -> Floats:
     """
     s0, s1, s2 = (stokes[..., i] for i in range(3))
     level = _top(s0)
-    span = max(LEAST * level, _top(np.abs(s1)), _top(np.abs(s2)))
+    span = max(LEAST * level, _top(np.abs(stokes[..., 1:3])))
     colours = np.clip(np.stack([0.5 + s1 / (2 * span), s0 / level, 0.5 + s2 / (2 * span)], axis=-1), 0, 1)
     return np.where((s0 > 0)[..., None], colours, float(style.UNDEFINED))
 
