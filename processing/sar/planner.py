@@ -54,10 +54,10 @@ MIGRATION_TYPICAL_DB = (-80.0, -76.0, -68.5, -62.5, -49.0, 0.0)
 MIGRATION_WINDOW_DB = -3.0
 """By how much a window over the ramp lowers it where nothing but spectral leakage is left, up to the first angle."""
 
-FACTORIZED_TYPICAL_DB = -2.5
+FACTORIZED_TYPICAL_DB = -3.0
 """What is measured of factorized back-projection over the bound that its settings are chosen by, dB."""
 
-FACTORIZED_WINDOW_DB = -3.0
+FACTORIZED_WINDOW_DB = -2.5
 """By how much a window over the ramp lowers that: the band's edges, where its filters are worst, hold little then."""
 
 FACTORIZED_PULSES, FACTORIZED_PIXELS = 192, 2**18
