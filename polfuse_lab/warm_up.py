@@ -22,6 +22,7 @@ from processing.optics.stokes import stokes_planes
 from processing.polarimetry.averaging import window_average
 from processing.polarimetry.coherent import cameron
 from processing.polarimetry.detection.cfar import Ring, cfar, ring_average
+from processing.polarimetry.eigen import hermitian_eigen_of
 from processing.polarimetry.freeman import freeman_durden
 from processing.polarimetry.h_a_alpha import h_a_alpha
 from processing.polarimetry.matrices import planes_of_vector
@@ -106,6 +107,7 @@ def _polarimetry() -> None:
     planes = window_average(planes_of_vector(k.astype(np.complex64)), 3)
     for decomposition in (freeman_durden, h_a_alpha, touzi, yamaguchi):
         decomposition(planes)
+    hermitian_eigen_of(np.eye(3, dtype=np.complex128)[None])
     cameron(np.ones((4, 4, 4), dtype=np.complex64))
     refined_lee(planes, looks=4.0)
     nonlocal_means(planes, looks=4, search=5)
