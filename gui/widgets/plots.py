@@ -95,6 +95,7 @@ class Plot(QWidget):
     def filled(self) -> None:
         """The first data have come: the axes mean something now."""
         if self._empty is not None:
+            self._empty.hide()
             self._empty.deleteLater()
             self._empty = None
             for side in SIDES:
