@@ -63,6 +63,11 @@ class ClockWatch:
         """Drop questions under way: a device that asked them has been opened again since."""
         self._calls.clear()
 
+    def end(self) -> None:
+        """All has been recorded: ask no more, and drop what is under way."""
+        self._readers.clear()
+        self._calls.clear()
+
     def sync_rms_s(self) -> float | None:
         """Sync uncertainty of what has been recorded, s; None where no device has a clock."""
         rows = np.zeros(len(self._taken), TABLES["clocks"])

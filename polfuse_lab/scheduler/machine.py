@@ -167,7 +167,7 @@ class Scheduler:
         while index < len(planned):
             if self.control.pausing:
                 before = time.monotonic()
-                self._pause(f"before step {index + 1}")
+                self._pause(f"before step {index + 1}", index)
                 paused_s += time.monotonic() - before
                 index = self._go_back(index, checkpoint)
             step = planned[index]
@@ -181,7 +181,7 @@ class Scheduler:
                 if isinstance(step, Checkpoint):
                     self._keeper.begin_flush()
             except PassPaused:
-                self._pause(f"in step {index + 1}")
+                self._pause(f"in step {index + 1}", index)
                 # Also where the pass was all that has been done since the checkpoint: it is not done.
                 index = self._go_back(index, checkpoint, begun=True)
                 paused_s += time.monotonic() - before
@@ -204,6 +204,8 @@ class Scheduler:
         except DeviceError as error:
             # All has been recorded: a device that is lost now costs its last clock fix, not the collect.
             self._actions.warn(f"the last clock fix is missing: {error}")
+        # Nor does one whose answer is still awaited.
+        self._clocks.end()
         self._keeper.flush()
         self._set(eta_s=0.0)
 
@@ -225,13 +227,26 @@ class Scheduler:
         if clocks is not None:
             clocks.forget()
 
-    def _pause(self, where: str) -> None:
+    def _pause(self, where: str, index: int) -> None:
         # First: where a run goes on from is on the disk before anybody is told that it is safe to walk away.
-        self._keeper.confirm()
-        self._enter(RunState.PAUSED, "paused by the user")
+        self._whatever_is_lost(self._keeper.confirm, index)
         self._keeper.event("paused", f"paused by the user {where}")
+        self._whatever_is_lost(self._wait_for_resume, index)
+
+    def _wait_for_resume(self) -> None:
+        self._enter(RunState.PAUSED, "paused by the user")
         while self.control.pausing:
             self.control.slice()
+
+    def _whatever_is_lost(self, wait: Callable[[], None], index: int) -> None:
+        """Wait outside of any step; a device that is lost meanwhile is waited for as in one."""
+        assert self._actions is not None
+        while True:
+            try:
+                return wait()
+            except DeviceError as error:
+                self._recover(error, index)
+                self._actions.repeat()
 
     def _go_back(self, index: int, checkpoint: int, *, begun: bool = False) -> int:
         """After a pause: where the run goes on, the last (confirmed) checkpoint; what is repeated is marked."""

@@ -40,7 +40,7 @@ class Base:
 
     def open(self):
         self.log("open")
-        if self.o.fault == "open":
+        if self.o.fault == "open" or os.path.exists(f"{self.o.log}.unplugged"):
             raise DeviceLost("nobody answers", where=f"fake {self.kind}", advice="plug it in")
         if self.o.fault == "slow_open":
             time.sleep(5)
@@ -128,6 +128,8 @@ class Radar(Base):
         return Level()
 
     def clock(self):
+        if self.o.fault == "unplugged" and os.path.exists(f"{self.o.log}.unplugged"):
+            raise DeviceLost("nobody answers", where="fake radar", advice="plug it in")
         now = time.monotonic_ns()
         return ClockFix("radar", now * 1e-9, now, 1000)
 

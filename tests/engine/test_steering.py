@@ -8,9 +8,13 @@ import time
 import numpy as np
 import pytest
 
+from drivers.errors import DeviceLost
 from drivers.records import Channel
 from polfuse_lab.records import SweepFlag
-from polfuse_lab.scheduler import Outcome, Scheduler
+from polfuse_lab.scheduler import Control, Outcome, Scheduler
+from polfuse_lab.scheduler.clock_watch import ClockWatch
+from polfuse_lab.scheduler.devices import Device, DeviceSet
+from polfuse_lab.scheduler.lane import Lane
 from polfuse_lab.session import open_session
 
 
@@ -105,6 +109,41 @@ def test_pause_finishes_the_step_and_resume_repeats_from_the_checkpoint(bench):
         assert set(final) == {(p, int(c)) for p in range(3) for c in (Channel.HH, Channel.HV)}
         assert session.notes["text"].tolist() == [b"wind from the left"]
         assert [k.decode() for k in session.events["kind"]] == ["paused", "resumed", "finished"]
+
+
+def test_a_device_that_is_lost_in_a_pause_is_waited_for(bench):
+    bench.write(aperture=1.0, sweeps=5, settle=0.1, radar={"fault": "unplugged"})
+    run = Run(bench)
+    run.until(lambda s: s.position == 1 and s.sweeps == 3 and "recording" in s.reason)
+    run.scheduler.control.pause()
+    run.until(lambda s: s.state == "paused" and "user" in s.reason)
+    cable = bench.log.with_name(f"{bench.log.name}.unplugged")
+    cable.touch()
+    # A clock fix is due every few seconds, in a pause as well.
+    run.until(lambda s: s.state == "paused" and "waiting up to" in s.reason)
+    cable.unlink()
+    run.until(lambda s: s.state == "paused" and "user" in s.reason)
+    run.scheduler.control.resume()
+    assert run.wait().state == "finished"
+    with open_session(bench.session) as session:
+        assert [k.decode() for k in session.events["kind"]] == ["paused", "lost", "back", "resumed", "finished"]
+        newest = {(int(r["position"]), int(r["channel"])) for r in session.sweeps}
+        assert len(newest) == 6
+
+
+def test_an_answer_that_comes_after_the_last_record_fails_nothing():
+    class Dying:
+        def clock(self):
+            raise DeviceLost("the process ended", where="camera", advice="open it again")
+
+    devices = DeviceSet(Control())
+    devices.by_kind["camera"] = Device("camera", "dying", Dying(), Lane("camera"), False)
+    watch = ClockWatch(devices, lambda record: None)
+    watch.tick()  # asks
+    devices.by_kind["camera"].lane.submit(lambda: None).result(5)  # behind which the question has been answered
+    watch.end()
+    watch.tick()
+    devices.by_kind["camera"].lane.end()
 
 
 def test_lost_audio_is_taken_again(bench):
