@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QFrame, QLabel, QLayout, QPushButton, QVBoxLayout, QWidget
 
 
@@ -46,7 +47,8 @@ def button(text: str, clicked: Callable[[], object], tip: str = "", role: str = 
     if role:
         made.setProperty("role", role)
     if key:
-        made.setShortcut(key)
+        # Not the button's own shortcut: that is cleared whenever its text changes.
+        QShortcut(QKeySequence(key), made).activated.connect(made.click)
         tip = f"{tip} ({key})" if tip else key
     if tip:
         made.setToolTip(tip)
