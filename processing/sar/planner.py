@@ -51,7 +51,7 @@ MIGRATION_TYPICAL_ANGLES_DEG = (48.0, 66.0, 72.0, 77.0, 80.0, 90.0)
 MIGRATION_TYPICAL_DB = (-80.0, -76.0, -68.5, -62.5, -49.0, 0.0)
 """Its error as expected at these angles without compensation of the pattern, dB; with it the bound is expected."""
 
-MIGRATION_WINDOW_DB = -3.0
+MIGRATION_WINDOW_DB = -10.0
 """By how much a window over the ramp lowers it where nothing but spectral leakage is left, up to the first angle."""
 
 FACTORIZED_TYPICAL_DB = -3.0
