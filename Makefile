@@ -59,7 +59,7 @@ imports: $(BIN)/.ready
 # fail when the machine is kept busy by others: what failed is run once more, alone. A defect fails again.
 unit: $(BIN)/.ready producer
 	$(BIN)/pytest -n 2 -m "not slow and not realtime"
-	$(BIN)/pytest -n 2 --dist loadfile -m "realtime and not slow" || \
+	$(BIN)/pytest -n 3 --dist loadfile -m "realtime and not slow" || \
 	  $(BIN)/pytest -m "realtime and not slow" --last-failed --last-failed-no-failures none
 
 # The GenTL producer where it can be built; without it the tests of cameras over it are skipped with the reason.
