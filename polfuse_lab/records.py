@@ -35,7 +35,7 @@ class FrameFlag(enum.IntFlag):
 
     NONE = 0
     MOVED = 1
-    """A polarizer turned, or stood at another angle after the frame than before; it was taken again."""
+    """A polarizer turned, or stood at another angle after the frame than before, or nobody could look; taken again."""
     RETRY = 2
     """Taken again since an earlier frame was not good enough."""
 

@@ -81,7 +81,9 @@ class Frames:
             flags |= _moved(angle, [fix for fix in seen if isinstance(fix, PolarizerFix)])
             flags |= _moved(source, [fix.fix for fix in seen if isinstance(fix, SourceFix)])
         except (DeviceError, Aborted) as error:
+            # The frame is kept, but nobody can vouch for the angles.
             failure = error
+            flags |= FrameFlag.MOVED
         self.frames_lost += frame.lost_before + int(frame.incomplete)
         source_rad = step.source_angle_rad if source is None else source.angle_rad
         self.frames += 1
