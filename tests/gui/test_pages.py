@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,17 +18,6 @@ from gui.pages.products_page import ProductsPage
 from gui.pages.session_page import SessionPage
 from polfuse_lab import remembered
 from polfuse_lab.rig.examples import write_examples
-
-
-@pytest.fixture
-def window(qtbot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[MainWindow]:
-    monkeypatch.setenv("HOME", str(tmp_path))
-    made = MainWindow()
-    qtbot.addWidget(made)
-    with qtbot.waitExposed(made):
-        made.show()
-    yield made
-    made.close()
 
 
 def collect_page(window: MainWindow) -> CollectPage:

@@ -43,17 +43,13 @@ LONG_MS = 120_000
 """An overloaded machine takes its time; each of these is a second or two on a quiet one."""
 
 
-@pytest.fixture
-def window(qtbot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[MainWindow]:
-    monkeypatch.setenv("HOME", str(tmp_path))
-    made = MainWindow()
-    qtbot.addWidget(made)
-    with qtbot.waitExposed(made):
-        made.show()
-    with qtbot.waitActive(made):
-        made.activateWindow()
-    yield made
-    made.close()
+@pytest.fixture(autouse=True)
+def active(qtbot, window: MainWindow) -> Iterator[None]:
+    """The window takes keys; afterwards no engine is left."""
+    with qtbot.waitActive(window):
+        window.activateWindow()
+    yield
+    window.close()
     end = time.monotonic() + LINGER_S + 10
     while engines() and time.monotonic() < end:
         time.sleep(0.05)
