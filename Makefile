@@ -6,13 +6,14 @@ BIN := $(VENV)/bin
 DEMO_OUT ?= demo_out
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup system system-test gentl demo demo-quick test lint types imports unit producer test-slow clean constraints
+.PHONY: help docs setup system system-test gentl demo demo-quick test lint types imports unit producer test-slow clean constraints
 
 help:
 	@echo "make demo        a whole collect on a simulated rig, focused, calibrated, fused: $(DEMO_OUT)/report.html"
 	@echo "make demo-quick  the same with fewer positions (under 40 s)"
 	@echo "make test        lint, types, import rules and all tests"
 	@echo "make test-slow   losses of many seconds, clock drift and the like"
+	@echo "make docs        web pages of docs/ and of every module: build/docs/index.html"
 	@echo "make setup       only the environment"
 	@echo "make gentl       the GenTL producer for GigE Vision cameras, over Aravis: build/gentl/polfuse-aravis.cti"
 	@echo "make constraints pin the dependencies anew from pyproject.toml (needs uv)"
@@ -66,12 +67,18 @@ unit: $(BIN)/.ready producer
 producer:
 	@case "$$(uname -s)" in Linux) sh scripts/build-gentl || echo "the GenTL producer was not built" ;; esac
 
+# Pages are written anew where something changed; a warning is an error.
+docs: $(BIN)/.ready
+	@$(BIN)/python -c 'import myst_parser, sphinx' 2>/dev/null || $(BIN)/python -m pip install --quiet --editable '.[docs]'
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	@echo "build/docs/index.html"
+
 # Tests that take long: clock drift, losses of many seconds.
 test-slow: setup
 	$(BIN)/pytest -m slow
 
 constraints:
-	uv pip compile pyproject.toml --extra camera --extra zaber --extra test --extra build --universal --python-version 3.11 \
+	uv pip compile pyproject.toml --extra camera --extra zaber --extra test --extra build --extra docs --universal --python-version 3.11 \
 	  --generate-hashes --no-emit-index-url --no-annotate --no-header -o constraints.txt
 
 clean:
