@@ -57,7 +57,7 @@ def scatterers(scene: Scene, antenna_m: ArrayLike, wavelength_m: float) -> tuple
     for bush in scene.bushes:
         cloud = bush_cloud(bush)
         centres.append(cloud.centres_m)
-        matrices.append(_dipole_scattering(cloud, antenna))
+        matrices.append(dipole_scattering(cloud, antenna))
     if not centres:
         return np.zeros((0, 3)), np.zeros((0, 2, 2), dtype=np.complex128)
     return np.concatenate(centres), np.concatenate(matrices)
@@ -161,7 +161,12 @@ def bush_cloud(bush: Bush) -> DipoleCloud:
     return DipoleCloud(centres, directions, float(np.sqrt(5 * bush.rcs_m2 / bush.scatterers)))
 
 
-def _dipole_scattering(cloud: DipoleCloud, antenna_m: Floats) -> Matrices:
+def dipole_scattering(cloud: DipoleCloud, antenna_m: Floats) -> Matrices:
+    """Scattering matrices (N, 2, 2) of a cloud's dipoles as an antenna (3,) sees them, S[rx, tx], sqrt(m^2).
+
+    Raises:
+        DataError: the antenna stands vertically above a dipole, where h has no direction.
+    """
     sight = cloud.centres_m - antenna_m
     across = np.hypot(sight[:, 0], sight[:, 1])
     distance = np.hypot(across, sight[:, 2])

@@ -1,0 +1,208 @@
+"""Quad-polarized phase history of contributions along a track.
+
+Every echo is spread over a few samples of delay and all frequencies come from one transform (Kaiser-Bessel gridding,
+:mod:`processing.sar.gridding`), so that the cost does not grow with their number. A footprint's pattern is that of the
+centre frequency, its size grows with the frequency.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from processing.errors import DataError
+from processing.radar.phase_history import PhaseHistory
+from processing.radar.profiles import SPEED_OF_LIGHT_M_S
+from processing.sar.gridding import Kernel
+from processing.scattering.contributions import ISOTROPIC, Beam, Contributions, path, sinc
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+CHANNELS = ("HH", "HV", "VH", "VV")
+KERNEL = Kernel(6, 1.5)
+STEPS = 8192
+"""Intervals of the kernel's table between two samples."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """The radar's frequencies."""
+
+    centre_hz: float
+    bandwidth_hz: float
+    count: int
+    """Even number of frequencies; c count / 2 bandwidth is the unambiguous range."""
+
+    def __post_init__(self) -> None:
+        if not (0 < self.bandwidth_hz < 2 * self.centre_hz and math.isfinite(self.centre_hz)):
+            raise DataError(
+                f"a sweep of {self.bandwidth_hz} Hz around {self.centre_hz} Hz", "give a positive band below its centre"
+            )
+        if self.count < 2 or self.count % 2:
+            raise DataError(f"a sweep of {self.count} frequencies", "give an even number")
+
+    @property
+    def step_hz(self) -> float:
+        """From one frequency to the next."""
+        return self.bandwidth_hz / self.count
+
+    @property
+    def wavelength_m(self) -> float:
+        """At the centre."""
+        return SPEED_OF_LIGHT_M_S / self.centre_hz
+
+    @property
+    def frequencies_hz(self) -> Floats:
+        """(count,) from the lowest on."""
+        return np.asarray(self.centre_hz + (np.arange(self.count) - self.count // 2) * self.step_hz, dtype=np.float64)
+
+
+def phase_history(
+    seen: Callable[[Floats], Contributions],
+    track_m: Floats,
+    reference_m: Floats,
+    sweep: Sweep,
+    *,
+    segments: int = 1,
+    beam: Beam | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> PhaseHistory:
+    """Echoes of a scene along a track.
+
+    Args:
+        seen: what lights up as an antenna at a place (3,) sees it; asked for once in the middle of each segment.
+        track_m: (pulses, 3) places of the antennas, m.
+        reference_m: (3,) point to which the phases' reference ranges are taken.
+        sweep: frequencies.
+        segments: equal parts of the track; within one, what is lit (not its path and pattern) is that of its middle.
+        beam: the antennas' pattern; isotropic if left out.
+        progress: called with the fraction done.
+
+    Returns:
+        Amplitudes are those of a point of 1 m^2 at 1 m on the axis being 1; channels HH, HV, VH, VV.
+
+    Raises:
+        DataError: no pulse, fewer pulses than segments, or echoes from beyond the unambiguous range.
+    """
+    track = np.ascontiguousarray(track_m, dtype=np.float64)
+    if track.ndim != 2 or track.shape[1] != 3 or not 1 <= segments <= len(track):
+        raise DataError(f"a track of shape {track.shape} in {segments} segments", "give (pulses, 3), a segment or more")
+    reference = np.linalg.norm(track - np.asarray(reference_m, dtype=np.float64), axis=1)
+    row = ISOTROPIC if beam is None else beam.row()
+    weights = KERNEL.weights((np.arange(STEPS + 1)) / STEPS)
+    length = int(scipy.fft.next_fast_len(math.ceil(sweep.count * KERNEL.oversampling)))
+    order = np.arange(sweep.count) - sweep.count // 2
+    undone = 1 / KERNEL.response(order / length)
+    frequencies = sweep.frequencies_hz / sweep.centre_hz
+    echoes = np.empty((len(CHANNELS), len(track), sweep.count), dtype=np.complex64)
+    k = 2 * np.pi / sweep.wavelength_m
+    for number, pulses in enumerate(np.array_split(np.arange(len(track)), segments)):
+        part = seen(track[pulses[len(pulses) // 2]])
+        _check_depth(part, track[pulses], reference[pulses], sweep)
+        total = np.zeros((3, len(pulses), sweep.count), dtype=np.complex128)
+        for grows in (True, False):
+            chosen = part.chosen(part.footprints == grows)
+            if not len(chosen):
+                continue
+            spread = np.zeros((len(pulses), 3, length), dtype=np.complex128)
+            spread_echoes(
+                chosen.places_m, chosen.amplitudes, grows, track[pulses], reference[pulses], k,
+                sweep.step_hz / SPEED_OF_LIGHT_M_S * length, row, weights, spread,
+            )  # fmt: skip
+            spectrum = scipy.fft.fft(spread, axis=2)[:, :, order % length] * undone
+            total += (spectrum * frequencies if grows else spectrum).transpose(1, 0, 2)
+        for channel, which in enumerate((0, 1, 1, 2)):
+            echoes[channel, pulses] = total[which]
+        if progress:
+            progress((number + 1) / segments)
+    return PhaseHistory(echoes, float(sweep.frequencies_hz[0]), sweep.step_hz, track, reference, CHANNELS)
+
+
+def history_reference(
+    part: Contributions, track_m: Floats, reference_m: Floats, sweep: Sweep, *, beam: Beam | None = None
+) -> Complexes:
+    """Echoes (4, pulses, frequencies) of contributions, summed one frequency after the other: the definition."""
+    from processing.scattering.contributions import echoes_reference
+
+    row = ISOTROPIC if beam is None else beam.row()
+    k = 2 * np.pi * sweep.frequencies_hz / SPEED_OF_LIGHT_M_S
+    found = np.empty((4, len(track_m), sweep.count), dtype=np.complex128)
+    for pulse, antenna in enumerate(track_m):
+        sums = np.empty((sweep.count, 2, 2), dtype=np.complex128)
+        reference = 2 * float(np.linalg.norm(antenna - reference_m))
+        echoes_reference(part.places_m, part.amplitudes, part.footprints, antenna, k, reference, row, sums)
+        # Channel names are transmit then receive.
+        found[:, pulse] = sums[:, 0, 0], sums[:, 1, 0], sums[:, 0, 1], sums[:, 1, 1]
+    return found
+
+
+def segments_needed(track_m: Floats, reference_m: Floats, turn_rad: float) -> int:
+    """Segments of a track in which the direction to the reference point turns by no more than ``turn_rad``."""
+    ways = track_m - np.asarray(reference_m, dtype=np.float64)
+    ways = ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    steps = np.linalg.norm(np.diff(ways, axis=0), axis=1)
+    return int(min(max(1, math.ceil(float(steps.sum()) / turn_rad)), len(track_m)))
+
+
+def _check_depth(part: Contributions, track: Floats, reference: Floats, sweep: Sweep) -> None:
+    if not len(part):
+        return
+    reach = 0.0
+    for pulse in (0, len(track) // 2, len(track) - 1):
+        out = np.linalg.norm(part.places_m[:, 3] - track[pulse], axis=1)
+        back = np.linalg.norm(part.places_m[:, 0] - track[pulse], axis=1)
+        reach = max(reach, float(np.abs((out + back) / 2 - reference[pulse]).max()))
+    allowed = SPEED_OF_LIGHT_M_S / (4 * sweep.step_hz)
+    if reach > allowed:
+        raise DataError(
+            f"echoes come from {reach:.4g} m off the reference, {sweep.count} frequencies tell {allowed:.4g} m",
+            f"use {2 * math.ceil(sweep.count * reach / allowed / 2 * 1.05)} frequencies or more",
+        )
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def spread_echoes(
+    places: Floats, amplitudes: Complexes, grows: bool, track: Floats, reference: Floats, wavenumber: float,
+    samples_per_m: float, beam: Floats, weights: Floats, spread: Complexes,
+) -> None:  # fmt: skip
+    """Add echoes, at the centre frequency, to samples of delay around their own.
+
+    Args:
+        places, amplitudes: of contributions.
+        grows: footprints (True) or points.
+        track: (P, 3) m.
+        reference: (P,) range that phases are counted from, m.
+        wavenumber: of the centre, 1/m.
+        samples_per_m: samples of delay in a metre of path.
+        beam: of :meth:`processing.scattering.contributions.Beam.row`.
+        weights: (steps + 1, taps) the kernel between two samples.
+        spread: (P, 3, samples), added to: HH, the cross-polarized element, VV.
+    """
+    length, taps = spread.shape[2], weights.shape[1]
+    steps = len(weights) - 1
+    for p in numba.prange(len(track)):
+        for n in range(len(places)):
+            way, across, up, even = path(places[n], track[p], beam)
+            way -= 2.0 * reference[p]
+            if grows:
+                even *= wavenumber * sinc(0.5 * wavenumber * across) * sinc(0.5 * wavenumber * up)
+            angle = wavenumber * way
+            factor = complex(even * math.cos(angle), -even * math.sin(angle))
+            at = way * samples_per_m
+            whole = math.floor(at)
+            row = int((at - whole) * steps + 0.5)
+            first = int(whole) - taps // 2 + 1
+            hh, hv, vv = factor * amplitudes[n, 0, 0], factor * amplitudes[n, 0, 1], factor * amplitudes[n, 1, 1]
+            for tap in range(taps):
+                sample = (first + tap) % length
+                weight = weights[row, tap]
+                spread[p, 0, sample] += weight * hh
+                spread[p, 1, sample] += weight * hv
+                spread[p, 2, sample] += weight * vv
