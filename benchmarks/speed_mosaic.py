@@ -63,9 +63,10 @@ def _against_peer(image: NDArray[np.uint16], rounds: int) -> list[Row]:
     peer(image[:64, :64])
     there = mosaic_stokes(image, SONY)
     theirs: Any = None
-    fresh_s, reused_s, peer_s = [], [], []
+    fresh_s, shared_s, reused_s, peer_s = [], [], [], []
     for _ in range(rounds):
         fresh_s.append(_seconds(lambda: mosaic_stokes(image, SONY)))
+        shared_s.append(_seconds(lambda: mosaic_stokes(image, SONY, threads=_CORES)))
         begun = time.perf_counter()
         theirs = peer(image)
         peer_s.append(time.perf_counter() - begun)
@@ -76,13 +77,14 @@ def _against_peer(image: NDArray[np.uint16], rounds: int) -> list[Row]:
     own, other = (float(np.max(np.abs(plane[:512][inner] - truth[3][inner]))) for plane in (there[3], theirs[1]))
     rows = []
     for name, text, ours_s in (
-        ("speed", "new arrays", fresh_s),
-        ("speed_reused", "into an array that is there", reused_s),
+        ("speed", "one thread, new arrays", fresh_s),
+        ("speed_threads", f"{_CORES} threads, new arrays", shared_s),
+        ("speed_reused", "one thread, into an array that is there", reused_s),
     ):
         ratios = [b / a for a, b in zip(ours_s, peer_s, strict=True)]
         middle = float(np.median(ratios))
         told = (
-            f"{target}, one thread, {text} ({1e3 * np.median(ours_s):.1f} ms, theirs {1e3 * np.median(peer_s):.0f} ms, "
+            f"{target}, {text} ({1e3 * np.median(ours_s):.1f} ms, theirs {1e3 * np.median(peer_s):.0f} ms, "
             f"load {os.getloadavg()[0]:.1f})"
         )
         errors = (f"DOLP within {own:.1e}", f"DOLP within {other:.1e}")

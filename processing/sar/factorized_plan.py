@@ -35,6 +35,9 @@ PULSE_NANOSECONDS = 2.0
 MERGE_NANOSECONDS = 12.0
 """Core time of one part at one sample of the part that it is merged into."""
 
+PULSES_OF_PART = 9
+"""Pulses of a part whose phase gradients are asked for, its first and last among them."""
+
 BORDER = 65
 """Places along each side of a region whose extent is asked for."""
 
@@ -138,6 +141,34 @@ def plan_levels(
             rim = _rim(level, z_m)
             region = np.repeat(rim, np.diff(children), axis=0)
     return levels
+
+
+def phase_gradients(
+    pulses: Track, frame: _Frame | Level, places: NDArray[np.float64], z_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Derivatives of pulses' ranges R_n by s and by R of their part, (parts, places, :data:`PULSES_OF_PART`).
+
+    Args:
+        pulses: the aperture; of each part, pulses evenly from its first to its last.
+        frame: the parts.
+        places: (places, 2) x and y.
+        z_m: height of the scene.
+    """
+    chosen = np.linspace(frame.first[:-1], frame.first[1:] - 1, PULSES_OF_PART).round().astype(int).T
+    along, forward, distance = _coordinates(frame, places[None], z_m)
+    s = along / distance
+    forward = np.maximum(forward, 1e-9 * distance)
+    axis, ahead = frame.axis[:, None], frame.ahead[:, None]
+    by_s = distance[..., None] * axis - (distance**2 * s / forward)[..., None] * ahead
+    by_r = s[..., None] * axis + (distance * (1 - s**2) / forward)[..., None] * ahead
+    gradient_s = np.zeros((*distance.shape, PULSES_OF_PART))
+    gradient_r = np.zeros_like(gradient_s)
+    for antenna in (pulses.transmit_m, pulses.receive_m):
+        away = places[None, :, None] - antenna[chosen][:, None, :, :2]
+        path = np.sqrt(np.sum(away**2, axis=3) + (z_m - antenna[chosen][:, None, :, 2]) ** 2)
+        gradient_s += 0.5 * np.einsum("npmk,npk->npm", away, by_s) / path
+        gradient_r += 0.5 * np.einsum("npmk,npk->npm", away, by_r) / path
+    return gradient_s, gradient_r
 
 
 def track_order(antenna_m: NDArray[np.float64], border_m: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -252,21 +283,10 @@ def _steps(
     pulses: Track, frame: _Frame, border_m: NDArray[np.float64], z_m: float, settings: Settings
 ) -> NDArray[np.float64]:
     """(parts, 2) steps of R and s that the pulses' phase gradients allow over the scene."""
-    chosen = np.linspace(frame.first[:-1], frame.first[1:] - 1, 9).round().astype(int).T
     places = border_m[:: max(1, len(border_m) // 120)]
-    along, forward, distance = _coordinates(frame, places[None], z_m)
+    gradient_s, gradient_r = phase_gradients(pulses, frame, places, z_m)
+    along, _, distance = _coordinates(frame, places[None], z_m)
     s = along / distance
-    forward = np.maximum(forward, 1e-9 * distance)
-    axis, ahead = frame.axis[:, None], frame.ahead[:, None]
-    by_s = distance[..., None] * axis - (distance**2 * s / forward)[..., None] * ahead
-    by_r = s[..., None] * axis + (distance * (1 - s**2) / forward)[..., None] * ahead
-    gradient_s = np.zeros((*distance.shape, 9))
-    gradient_r = np.zeros_like(gradient_s)
-    for antenna in (pulses.transmit_m, pulses.receive_m):
-        away = places[None, :, None] - antenna[chosen][:, None, :, :2]
-        path = np.sqrt(np.sum(away**2, axis=3) + (z_m - antenna[chosen][:, None, :, 2]) ** 2)
-        gradient_s += 0.5 * np.einsum("npmk,npk->npm", away, by_s) / path
-        gradient_r += 0.5 * np.einsum("npmk,npk->npm", away, by_r) / path
     k = 4 * math.pi / SPEED_OF_LIGHT_M_S
     edges = pulses.centre_hz + 0.5 * pulses.bandwidth_hz * np.array([-1.0, 1.0])
     band_s = k * edges[1] * np.abs(gradient_s).max(axis=(1, 2))

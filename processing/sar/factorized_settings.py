@@ -27,6 +27,10 @@ SAMPLES_PER_PIXEL = 1.8
 """Samples of a level in a pixel of an image with 1.25 pixels a cell, with margins, at oversamplings of 1.6 and 1.8."""
 
 
+FIXED_SECONDS = 15e-3
+"""Of planning, of tables and of the many small steps, whatever the size."""
+
+
 @dataclass(frozen=True)
 class FactorizedChoice:
     """Settings of factorized back-projection, and the error expected of them."""
@@ -69,4 +73,4 @@ def predicted_seconds(choice: FactorizedChoice, pixels: int, pulses: int, channe
     merged = max(0.0, math.log(max(pulses, 1) / BASE_PULSES, BRANCHES))
     dense = choice.settings.angle_oversampling * choice.settings.range_oversampling / (1.6 * 1.8)
     each = PULSE_NANOSECONDS * BASE_PULSES + MERGE_NANOSECONDS * BRANCHES * merged
-    return 1e-9 * pixels * channels * (SAMPLES_PER_PIXEL * dense * each + MERGE_NANOSECONDS * BRANCHES)
+    return FIXED_SECONDS + 1e-9 * pixels * channels * (SAMPLES_PER_PIXEL * dense * each + MERGE_NANOSECONDS * BRANCHES)

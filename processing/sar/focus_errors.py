@@ -30,6 +30,12 @@ OFFSETS_DB = -125.0
 FREQUENCIES, PLACES = 129, 256
 """Samples of the band and of the place between two bins in the means below."""
 
+MARGIN = 0.15
+"""Share of an image's width and depth at either side in which no target is taken to be."""
+
+FINER = 4
+"""Distances in a resolution cell, which the edges of the band make necessary."""
+
 TARGETS, PIXELS, PULSES = 4, 300, 192
 """Of the sample that tells how many ghosts stay in an image: targets, pixels near and pixels anywhere, positions."""
 
@@ -43,7 +49,7 @@ def filter_error(
     """Relative error powers of a filter over profiles of one window: what stays in the band, and what leaves it.
 
     Errors of frequencies near the band's edges are spread over many resolution cells of range; those that end up beyond
-    an image of ``depth_cells`` are not in it (mean over places of the target in that depth).
+    an image of ``depth_cells`` are not in it (mean over targets within that depth, but for its :data:`MARGIN`).
 
     Raises:
         DataError: unknown interpolator or window, or less than one bin per cell.
@@ -60,9 +66,10 @@ def filter_error(
     # What the filter makes of each frequency, over what it should be; in range, whole cells around the target.
     error = taps @ np.exp(2j * np.pi * np.outer(bins, cycles)) * np.exp(-2j * np.pi * np.outer(w, cycles)) - 1
     own = error.mean(axis=0)
-    seen = np.clip(1 - np.abs(np.fft.fftfreq(FREQUENCIES, 1 / FREQUENCIES)) / depth_cells, 0.0, 1.0)
+    away = np.abs(np.fft.fftfreq(FINER * FREQUENCIES, 1 / FREQUENCIES)) / depth_cells
+    seen = np.clip((1 - MARGIN - away) / (1 - 2 * MARGIN), 0.0, 1.0)
     powers = [
-        float(np.mean(np.abs(np.fft.ifft(part_of * spectrum, axis=-1)) ** 2 @ seen))
+        float(np.mean(np.abs(np.fft.ifft(part_of * spectrum, FINER * FREQUENCIES, axis=-1)) ** 2 @ seen))
         for part_of in (np.ones((1, FREQUENCIES)), own[None], error - own)
     ]
     return powers[1] / powers[0], powers[2] / powers[0]
@@ -90,7 +97,7 @@ def ghost_share(
     aperture = float(np.linalg.norm(np.ptp(antenna_m, axis=0)))
     target_energy, ghost_energy = 0.0, 0.0
     for _ in range(TARGETS):
-        target = np.array([*(_within(axis, rng, 0.15) for axis in (grid.x_m, grid.y_m)), grid.z_m])
+        target = np.array([*(_within(axis, rng, MARGIN) for axis in (grid.x_m, grid.y_m)), grid.z_m])
         away = float(np.linalg.norm(target - antenna.mean(axis=0)))
         wide = NEAR_CELLS * min(max(away * math.pi / max(k * aperture, 1e-12), cell / 8), span), NEAR_CELLS * cell
         near = [

@@ -1,21 +1,24 @@
 """How to focus: the cheapest method, interpolator, oversampling and precision whose expected error is small enough.
 
 Errors are root mean square over the image, relative to the exact float64 matched filter. Those of back-projection
-follow from filter, window and geometry (:mod:`processing.sar.focus_errors`); those of range migration and factorized
-back-projection were measured on point targets in random geometries (``python -m benchmarks accuracy.focus_planner``
-measures all of them again). Times: :mod:`processing.sar.focus_costs`.
+follow from filter, window and geometry (:mod:`processing.sar.focus_errors`), and so do those of factorized
+back-projection (:mod:`processing.sar.factorized_forecast`); those of range migration were measured on point targets in
+random geometries (``python -m benchmarks accuracy.focus_planner`` measures all of them again). Times:
+:mod:`processing.sar.focus_costs`.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import DataError
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
+from processing.sar.factorized_plan import Settings
 from processing.sar.focus_costs import (
     BACKPROJECTION_NS,
     RANGING_NS,
@@ -30,12 +33,15 @@ from processing.sar.focus_errors import ghost_share, predicted_error_db
 from processing.sar.grid import ImageGrid
 from processing.sar.polar_format_geometry import PolarForecast
 
+if TYPE_CHECKING:
+    from processing.sar.factorized_settings import FactorizedChoice
+
 METHODS = ("auto", "bp", "ffbp", "rma", "pfa", "reference")
 
 OVERSAMPLINGS = (2, 3, 4, 6, 8, 12, 16)
 """Range bins per resolution cell that are chosen from where none is given."""
 
-SAFETY_DB = {"bp": 2.5, "ffbp": 4.5, "rma": 4.5, "pfa": 4.5, "reference": 2.5}
+SAFETY_DB = {"bp": 2.5, "ffbp": 4.0, "rma": 4.5, "pfa": 4.5, "reference": 2.5}
 """How far below the tolerance a method's expected error must be: measured errors exceed it by at most so much."""
 
 MIGRATION_ANGLES_DEG = (40.0, 66.0, 72.0, 77.0, 80.0, 90.0)
@@ -55,10 +61,8 @@ MIGRATION_WINDOW_DB = -10.0
 """By how much a window over the ramp lowers it where nothing but spectral leakage is left, up to the first angle."""
 
 FACTORIZED_TYPICAL_DB = -3.0
-"""What is measured of factorized back-projection over the bound that its settings are chosen by, dB."""
-
-FACTORIZED_WINDOW_DB = -2.5
-"""By how much a window over the ramp lowers that: the band's edges, where its filters are worst, hold little then."""
+"""What is measured of factorized back-projection over the bound that its settings are chosen by, dB: what is expected
+where the geometry is not known."""
 
 FACTORIZED_PULSES, FACTORIZED_PIXELS = 192, 2**18
 """Pulses and pixels from which factorized back-projection is chosen of itself; below it hardly pays."""
@@ -176,14 +180,16 @@ def migration_error_db(task: Task, *, bound: bool = False) -> float:
 
 
 def choices(task: Task, tolerance_db: float = -50.0, method: str = "auto") -> list[Choice]:
-    """Everything that can be done, or all ways of one method, cheapest first.
+    """Everything that can be done, cheapest first; ``method`` is the one asked for.
 
-    Factorized back-projection comes as the tolerance asks, and of itself only where it pays.
+    Factorized back-projection comes as the tolerance asks; where neither it is asked for nor size makes it pay, its
+    error is that of a usual geometry.
     """
     # Its settings build on this module's errors of interpolation.
     from processing.sar.factorized_settings import predicted_seconds, settings_for
 
     shares: dict[int, float] = {}
+    merging: dict[Settings, float] = {}
     offered = []
     for oversampling in task.oversamplings if task.oversampling is None else (task.oversampling,):
         share = _share(task, oversampling, shares)
@@ -211,9 +217,13 @@ def choices(task: Task, tolerance_db: float = -50.0, method: str = "auto") -> li
             offered.append(Choice("pfa", "kaiser-bessel", task.polar.error_db, ranging + seconds, "", oversampling))
         if oversampling >= 2:
             chosen = settings_for(tolerance_db, task.pulses, oversampling)
-            error = chosen.predicted_error_db + FACTORIZED_TYPICAL_DB
-            if task.window != "rectangular":
-                error += FACTORIZED_WINDOW_DB
+            known = merging if method == "ffbp" or (method == "auto" and _large(task)) else None
+            try:
+                error = _factorized_error_db(task, chosen, oversampling, known)
+            except DataError:  # no polar grid: the image reaches abreast of the track
+                if method == "ffbp":
+                    raise
+                continue
             seconds = predicted_seconds(chosen, task.pixels, task.pulses, task.channels)
             offered.append(Choice("ffbp", "sinc8", error, ranging + seconds, "", oversampling, tolerance_db))
     return sorted(offered, key=lambda choice: (choice.seconds, choice.predicted_error_db))
@@ -239,12 +249,12 @@ def choose(task: Task, tolerance_db: float, method: str = "auto") -> Choice:
         raise DataError(f"a tolerance of {tolerance_db:g} dB is no error below the image", "give a negative number")
     if min(task.pixels, task.pulses, task.channels) < 1:
         raise DataError("there is nothing to focus", "give pixels, pulses and channels")
-    offered = choices(task, tolerance_db)
+    offered = choices(task, tolerance_db, method)
     exact = _reference(task)
     if method == "reference":
         return replace(exact, reason="asked for: plain float64 back-projection", considered=tuple(offered))
     fit = [choice for choice in offered if method in ("auto", choice.method)]
-    if method == "auto" and (task.pulses < FACTORIZED_PULSES or task.pixels < FACTORIZED_PIXELS):
+    if method == "auto" and not _large(task):
         fit = [choice for choice in fit if choice.method != "ffbp"]
     if not fit:
         what = "positions are not straight enough for range migration"
@@ -325,6 +335,30 @@ def _name(choice: Choice) -> str:
 
 def _time(seconds: float) -> str:
     return f"{seconds * 1e3:.2g} ms" if seconds < 1 else f"{seconds:.2g} s" if seconds < 600 else f"{seconds:.0f} s"
+
+
+def _large(task: Task) -> bool:
+    return task.pulses >= FACTORIZED_PULSES and task.pixels >= FACTORIZED_PIXELS
+
+
+def _factorized_error_db(
+    task: Task, chosen: FactorizedChoice, oversampling: float, known: dict[Settings, float] | None
+) -> float:
+    """Expected error of factorized back-projection: of its mergings, and of reading the profiles.
+
+    That of a usual geometry where the task does not tell its own, or ``known`` (what was found for it) is None.
+    """
+    from processing.sar.factorized_forecast import merging_error_db
+
+    if task.antenna_m is None or task.grid is None or known is None:
+        return chosen.predicted_error_db + FACTORIZED_TYPICAL_DB
+    if chosen.settings not in known:
+        known[chosen.settings] = merging_error_db(
+            task.antenna_m, task.grid, chosen.settings, centre_hz=SPEED_OF_LIGHT_M_S / task.wavelength_m,
+            bandwidth_hz=task.bandwidth_hz, window=task.window,
+        )  # fmt: skip
+    read = backprojection_error_db("sinc8", oversampling)
+    return 10 * math.log10(10 ** (known[chosen.settings] / 10) + 10 ** (read / 10))
 
 
 def _reference(task: Task) -> Choice:
