@@ -45,6 +45,10 @@ class Uncaught(QObject):
             self._before[0](kind, error, trace)
             return
         self._tell(kind, error, trace)
+        # Python keeps the last error for a debugger, and with it all that its frames hold: pictures, whole pages.
+        for name in ("last_type", "last_value", "last_traceback", "last_exc"):
+            if hasattr(sys, name):
+                delattr(sys, name)
 
     def _of_thread(self, arguments: threading.ExceptHookArgs) -> None:
         if arguments.exc_value is not None and not issubclass(arguments.exc_type, SystemExit):

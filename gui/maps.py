@@ -43,10 +43,10 @@ def lookup(name: str, entries: int = 256) -> NDArray[np.uint8]:
 def percentile_levels(values: NDArray[np.floating], low: float = 5.0, high: float = 99.7) -> tuple[float, float]:
     """Display limits that a few very bright or dark pixels do not spoil; (0, 1) where nothing is defined.
 
-    At most 65,536 evenly spread pixels are looked at, so that a large picture costs no more than a small one.
+    At most 16,384 evenly spread pixels are looked at, so that a large picture costs no more than a small one.
     """
     flat = np.asarray(values).ravel()
-    sample = flat[:: max(flat.size // 65_536, 1)]
+    sample = flat[:: max(flat.size // 16_384, 1)]
     finite = sample[np.isfinite(sample)]
     if finite.size == 0:
         return 0.0, 1.0

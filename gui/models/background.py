@@ -58,6 +58,7 @@ def run(
 
     def finish(then: Callable[..., None], *values: object) -> None:
         _running.discard(task)
+        task.deleteLater()  # its connections hold whoever asked, where Python does not look for garbage
         then(*values)
 
     connection = Qt.ConnectionType.QueuedConnection

@@ -27,6 +27,7 @@ class LiveLink(QObject):
         self._view: LiveView | None = None
         self._seen: dict[str, int] = {}
         self._held: set[str] = set()
+        self._histories: set[str] = set()
         self._glanced: dict[str, float] = {}
         self._timer = QTimer(self)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
@@ -78,18 +79,23 @@ class LiveLink(QObject):
         self._glanced[stream] = now
         return self._view.newest(stream)
 
-    def since(self, stream: str) -> list[Shown]:
-        """All items of a stream that have not been handed out yet."""
+    def since(self, stream: str, most: int) -> list[Shown]:
+        """Items of a stream that have not been handed out yet, the last ``most`` of them."""
         if self._view is None:
             return []
-        found = self._view.since(stream, self._seen.get(stream, 0))
+        self._histories.add(stream)
+        found = self._view.since(stream, self._seen.get(stream, 0), most=most)
         if found:
             self._note(stream, found[-1])
         return found
 
     def forget(self) -> None:
-        """Hand everything out anew: a page has come to the front."""
-        self._seen.clear()
+        """Hand the newest of everything out anew: a page has come to the front. Whoever shows a history has it."""
+        self._seen = {stream: seen for stream, seen in self._seen.items() if stream in self._histories}
+
+    def tell_again(self, stream: str) -> None:
+        """Hand out a history anew from its beginning: who showed it has forgotten it."""
+        self._seen.pop(stream, None)
 
     def age_s(self) -> float | None:
         """How old the newest sample that was handed out is, s."""

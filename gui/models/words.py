@@ -1,9 +1,11 @@
-"""Numbers as people read them."""
+"""Numbers and names of files as people read them."""
 
 from __future__ import annotations
 
 import math
+import tempfile
 from datetime import datetime
+from pathlib import Path
 
 
 def duration(seconds: float | None) -> str:
@@ -34,6 +36,27 @@ def moment(iso: str) -> str:
         return datetime.fromisoformat(iso).astimezone().strftime("%Y-%m-%d %H:%M")
     except ValueError:
         return iso
+
+
+def place(path: Path | str) -> str:
+    """Where a file is: ``~/…`` in the user's own folder; its name alone where it is there for a while only."""
+    path = Path(path)
+    short = home_short(path)
+    return path.name if short == str(path) and path.is_relative_to(tempfile.gettempdir()) else short
+
+
+def home_short(path: Path | str) -> str:
+    """A file's whole name, with ``~`` for the user's own folder; :func:`typed` reads it."""
+    path = Path(path)
+    return str(Path("~") / path.relative_to(Path.home())) if path.is_relative_to(Path.home()) else str(path)
+
+
+def typed(text: str) -> Path:
+    """The file that a user has named, with or without ``~``."""
+    try:
+        return Path(text).expanduser()
+    except RuntimeError:  # somebody else's folder, of whom the computer knows nothing
+        return Path(text)
 
 
 def size(count: float | None) -> str:

@@ -24,7 +24,7 @@ from gui import theme
 from gui.models import background
 from gui.models.targets import KINDS, Looked, Role, Stated, TargetList
 from gui.widgets.job_bar import JobBar
-from gui.widgets.layout import button, card, dim, heading, title
+from gui.widgets.layout import button, card, dim, heading, show_place, title
 from gui.widgets.picture_view import PictureView, Quantity
 from gui.workbench import Workbench
 from polfuse_lab.jobs import Job
@@ -70,7 +70,7 @@ class CalibratePage(QWidget):
 
     def open(self, path: Path) -> None:
         """Calibrate the focused picture of a file."""
-        self.where.setText(str(path))
+        show_place(self.where, path)
         self.targets.look_at(path)
         self.outcome.clear()
 

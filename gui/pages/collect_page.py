@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 )
 
 from gui.models.plan_draft import PlanDraft, Verdict
-from gui.models.words import duration, size
+from gui.models.words import duration, home_short, size, typed
 from gui.widgets.layout import button, card, dim, heading, title
 from gui.widgets.progress_grid import ProgressGrid
 from gui.widgets.prompt_bar import PromptBar
@@ -122,12 +122,12 @@ class CollectPage(QWidget):
     def propose_name(self) -> None:
         """A name for the next session file that is not taken."""
         settings = remembered.Settings.load()
-        folder = Path(settings.get("sessions_folder", str(Path.home() / "polfuse-sessions")))
-        self.output.setText(str(folder / time.strftime("%Y-%m-%d-%H%M%S.h5")))
+        folder = typed(str(settings.get("sessions_folder", "~/polfuse-sessions")))
+        self.output.setText(home_short(folder / time.strftime("%Y-%m-%d-%H%M%S.h5")))
 
     def _changed(self) -> None:
         self.start_button.setEnabled(False)
-        output = Path(self.output.text() or "session.h5")
+        output = typed(self.output.text() or "session.h5")
         # A folder that is not there yet is made on the way: room is looked for where it will stand.
         while not output.parent.is_dir() and output.parent != output.parent.parent:
             output = output.parent
@@ -171,16 +171,18 @@ class CollectPage(QWidget):
                 self._bench.error.emit(self.tr("{0} cannot be written ({1})").format(name, error.strerror), "")
 
     def _browse(self) -> None:
-        name, _ = QFileDialog.getSaveFileName(self, self.tr("Session file"), self.output.text(), "HDF5 (*.h5)")
+        name, _ = QFileDialog.getSaveFileName(
+            self, self.tr("Session file"), str(typed(self.output.text())), "HDF5 (*.h5)"
+        )
         if name:
-            self.output.setText(name)
+            self.output.setText(home_short(name))
 
     def start(self) -> None:
         """Begin the collect that is planned."""
         verdict = self.draft.verdict
         if verdict is None or not verdict.ready or verdict.plan is None or self._bench.rig is None:
             return
-        output = Path(self.output.text())
+        output = typed(self.output.text())
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ from gui.widgets.level_meter import LevelMeter
 from gui.widgets.picture_view import PictureView, Quantity
 from gui.widgets.profile_view import CHANNELS, ProfileView
 from gui.widgets.replay_bar import ReplayBar
+from gui.widgets.turns import TURNS
 from gui.widgets.waterfall_view import WaterfallView
 from gui.workbench import Workbench
 from polfuse_lab.engine.protocol import StatusEvent
@@ -50,6 +52,7 @@ class LivePage(QWidget):
         self._bench = bench
         self.link = bench.live
         self._frozen = False
+        self._later: list[Callable[[], None]] = []
         self._draw: dict[str, Callable[[], None]] = {}
         self.tabs = QTabWidget()
         for name, text, view, draw in (
@@ -111,7 +114,7 @@ class LivePage(QWidget):
         self.profile = ProfileView()
         self.waterfall = WaterfallView()
         self.waterfall_channel = _channels()
-        self.waterfall_channel.currentIndexChanged.connect(lambda _: self.waterfall.clear())
+        self.waterfall_channel.currentIndexChanged.connect(lambda _: self._fall_anew())
         self.beat, self.sync = LevelMeter("beat"), LevelMeter("sync", loud=True)
         # One cursor for both: the same range.
         cursor = LinkedCursor(self)
@@ -141,6 +144,9 @@ class LivePage(QWidget):
         self.doppler_channel = _channels()
         self.doppler_channel.currentIndexChanged.connect(lambda _: self.link.forget())
         self.doppler = PictureView(LEVEL, axes=("range", "m", "speed, receding", "m/s"), square=False)
+        self.doppler.say_empty(
+            self.tr("nothing to show yet: speeds need many sweeps of one channel in a row, as in set-up")
+        )
         tab = QWidget()
         column = QVBoxLayout(tab)
         choose = QHBoxLayout()
@@ -207,7 +213,7 @@ class LivePage(QWidget):
     # -- drawing ------------------------------------------------------------------------------------------------------
 
     def _tick(self) -> None:
-        if not self._here or self._frozen:
+        if not self._here or self._frozen or TURNS.busy:
             return
         self._draw[self._tab_names[self.tabs.currentIndex()]]()
         old = self.link.age_s()
@@ -217,8 +223,13 @@ class LivePage(QWidget):
         elif old is not None and not self._ended:
             self._tell((self.tr("{0} old") if old < NEWS_S else self.tr("no news for {0}")).format(age(old)))
 
+    def _fall_anew(self) -> None:
+        self.waterfall.clear()
+        self.link.tell_again(f"waterfall.{self.waterfall_channel.currentText()}")
+
     def _waiting(self) -> None:
         self._ended = False
+        self._fall_anew()
         self._tell(self.tr("waiting for the first data…"))
 
     def _over(self) -> None:
@@ -235,7 +246,7 @@ class LivePage(QWidget):
             if found is not None:
                 range_m = found.arrays["range_m"]
                 self.profile.show_profile(channel, float(range_m[1] - range_m[0]), found.arrays["level_db"])
-        lines = self.link.since(f"waterfall.{self.waterfall_channel.currentText()}")
+        lines = self.link.since(f"waterfall.{self.waterfall_channel.currentText()}", self.waterfall.most)
         for line in lines:
             self.waterfall.add(float(line.values["range_step_m"]), line.arrays["level_db"])
         if lines:
@@ -279,12 +290,16 @@ class LivePage(QWidget):
             if share > 0:
                 words += self.tr(": {0:.2g} % saturated").format(100 * share)
             self.frame.item.setTitle(words)
-        found = self.link.newest("optics")
-        if found is not None:
-            arrays = found.arrays
-            self.optics["s0"].show_values(arrays["s0"])
-            self.optics["dolp"].show_values(arrays["dolp"], sd=arrays["dolp_sd"])
-            self.optics["aop_rad"].show_values(arrays["aop_rad"] * (180 / math.pi))
+        if not self._later:
+            found = self.link.newest("optics")
+            self._later = [] if found is None else [partial(self._draw_light, name, found) for name in self.optics]
+        if self._later:
+            self._later.pop(0)()  # one at a time, so that none holds up the next frame
+
+    def _draw_light(self, name: str, found: Shown) -> None:
+        scale, sd = {"s0": (1.0, None), "dolp": (1.0, "dolp_sd"), "aop_rad": (180 / math.pi, "aop_sd_rad")}[name]
+        spread = None if sd is None else found.arrays[sd] * np.float32(scale)
+        self.optics[name].show_values(found.arrays[name] * np.float32(scale), sd=spread)
 
     def _draw_fused(self) -> None:
         found = self.link.newest("fusion")

@@ -24,7 +24,7 @@ from gui.models import background
 from gui.models.cursor import LinkedCursor
 from gui.saving import save_view
 from gui.widgets.job_bar import JobBar
-from gui.widgets.layout import button, card, dim, heading, title
+from gui.widgets.layout import button, card, dim, heading, show_place, title
 from gui.widgets.picture_view import PictureView
 from gui.widgets.pictured import view_of
 from gui.workbench import Workbench
@@ -106,7 +106,7 @@ class ProductsPage(QWidget):
         """Show the pictures of a file."""
         if path != self._path:
             self._path, self._wanted = path, []
-        self.where.setText(str(path))
+        show_place(self.where, path)
         background.run(lambda: picture_names(Products(path)), self._listed, self._bench.error.emit)
 
     def choose(self, *names: str) -> None:

@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 from gui import theme
 from gui.models import background
 from gui.models.regions import Corners, RegionList
-from gui.widgets.layout import button, card, dim, heading, title
+from gui.widgets.layout import button, card, dim, heading, show_place, title
 from gui.widgets.picture_view import PictureView, Quantity
 from gui.workbench import Workbench
 from polfuse_lab.errors import PolfuseError
@@ -112,7 +112,7 @@ class RegionsPage(QWidget):
 
     def open(self, path: Path) -> None:
         """Draw on the pictures of a products file."""
-        self.where.setText(str(path))
+        show_place(self.where, path)
         self.regions.look_at(path)
         background.run(lambda: picture_names(Products(path)), self._listed, self._bench.error.emit)
 

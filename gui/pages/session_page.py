@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QDoubleSpinBox, QHBoxLayout, QLabel, QPlainTextEdi
 from gui.models import background
 from gui.models.words import duration, moment, signed_db
 from gui.widgets.job_bar import JobBar
-from gui.widgets.layout import button, card, dim, heading, title
+from gui.widgets.layout import button, card, dim, heading, show_place, title
 from gui.widgets.replay_bar import FASTEST, SLOWEST
 from gui.workbench import Workbench
 from polfuse_lab import jobs
@@ -97,7 +97,7 @@ class SessionPage(QWidget):
 
     def open(self, path: Path) -> None:
         """Show a session."""
-        self.where.setText(str(path))
+        show_place(self.where, path)
         self._enable(False)
         background.run(lambda: info(path), self._described, self._bench.error.emit)
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QFileDialog, QFormLayout, QHBoxLayout, QLineEdit, QVBoxLayout, QWidget
 
 from gui import theme
 from gui.errors import log_file
+from gui.models.words import home_short, place, typed
 from gui.widgets.layout import button, card, dim, heading, title
 from polfuse_lab import remembered
 
@@ -30,7 +29,7 @@ class SettingsPage(QWidget):
             (self.tr("small"), self.tr("usual"), self.tr("large"), self.tr("very large")), theme.SIZES_PT, strict=True
         ):
             self.sizes.addItem(f"{name} ({points:g} pt)", points)
-        self.folder = QLineEdit(str(self._settings.get("sessions_folder", str(Path.home() / "polfuse-sessions"))))
+        self.folder = QLineEdit(home_short(typed(str(self._settings.get("sessions_folder", "~/polfuse-sessions")))))
         self.folder.editingFinished.connect(self._keep_folder)
         self.themes.setCurrentIndex(max(self.themes.findData(self._settings.get("theme", "dark")), 0))
         self.sizes.setCurrentIndex(max(self.sizes.findData(self._settings.get("letters_pt", theme.USUAL_PT)), 0))
@@ -47,7 +46,7 @@ class SettingsPage(QWidget):
         column.setContentsMargins(24, 20, 24, 16)
         column.addWidget(title(self.tr("Settings")))
         column.addWidget(card(heading(self.tr("Window")), form))
-        column.addWidget(dim(self.tr("Errors are logged in {0}").format(log_file())))
+        column.addWidget(dim(self.tr("Errors are logged in {0}").format(place(log_file()))))
         if self._settings.warning:
             column.addWidget(dim(self._settings.warning))
         column.addStretch(1)
@@ -60,11 +59,11 @@ class SettingsPage(QWidget):
         self.looks_changed.emit(name, points)
 
     def _keep_folder(self) -> None:
-        self._settings.set("sessions_folder", self.folder.text())
+        self._settings.set("sessions_folder", str(typed(self.folder.text())))
         self._settings.save()
 
     def _browse(self) -> None:
-        name = QFileDialog.getExistingDirectory(self, self.tr("Folder for sessions"), self.folder.text())
+        name = QFileDialog.getExistingDirectory(self, self.tr("Folder for sessions"), str(typed(self.folder.text())))
         if name:
-            self.folder.setText(name)
+            self.folder.setText(home_short(name))
             self._keep_folder()

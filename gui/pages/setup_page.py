@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 
 from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
@@ -10,7 +11,7 @@ from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QLabel, QV
 from gui.models.bench_link import BenchLink
 from gui.pages.live_page import S0
 from gui.widgets.device_card import DeviceCard
-from gui.widgets.layout import button, card, dim, heading, title
+from gui.widgets.layout import button, card, dim, heading, show_place, title
 from gui.widgets.level_meter import LevelMeter
 from gui.widgets.picture_view import PictureView
 from gui.widgets.prompt_bar import PromptBar
@@ -195,7 +196,10 @@ class SetupPage(QWidget):
 
     def _rig_changed(self, path: object) -> None:
         self.link.close()
-        self.rig_words.setText(str(path) if path else self.tr("No rig is open: choose one on the start page"))
+        if isinstance(path, Path):
+            show_place(self.rig_words, path)
+        else:
+            self.rig_words.setText(self.tr("No rig is open: choose one on the start page"))
         self.check_button.setEnabled(path is not None)
         if path is not None and not self._bench.engine.busy:
             QTimer.singleShot(0, self.check)

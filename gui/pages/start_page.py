@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QLabel, QListWidget, QLi
 import polfuse_lab.demo
 from gui.models import background
 from gui.models.simulator import Simulator
+from gui.models.words import place
 from gui.widgets.layout import button, card, dim, heading, title
 from gui.workbench import Workbench
 from polfuse_lab import remembered
@@ -171,11 +172,11 @@ def _fill(view: QListWidget, found: list[remembered.Recent], nothing: str) -> No
     view.clear()
     for recent in found:
         when = time.strftime("%Y-%m-%d %H:%M", time.localtime(recent.opened_unix_s))
-        item = QListWidgetItem(f"{recent.name}\n{Path(recent.path).parent}   {when}")
+        item = QListWidgetItem(f"{recent.name}\n{place(Path(recent.path).parent)}   {when}")
         item.setData(Qt.ItemDataRole.UserRole, str(recent.path) if recent.exists else None)
         if not recent.exists:
             item.setFlags(Qt.ItemFlag.NoItemFlags)
-            item.setText(f"{recent.name}\n{Path(recent.path).parent}   not there any more")
+            item.setText(f"{recent.name}\n{place(Path(recent.path).parent)}   not there any more")
         view.addItem(item)
     if not found:
         item = QListWidgetItem(nothing)

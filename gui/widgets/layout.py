@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QFrame, QLabel, QLayout, QPushButton, QVBoxLayout, QWidget
+
+from gui.models.words import place
 
 
 def title(text: str) -> QLabel:
@@ -24,6 +27,12 @@ def dim(text: str) -> QLabel:
     label = _label(text, "dim")
     label.setWordWrap(True)
     return label
+
+
+def show_place(label: QLabel, path: Path | str) -> None:
+    """Say where a file is, in short; the tool tip has all of it."""
+    label.setText(place(path))
+    label.setToolTip(str(path))
 
 
 def card(*parts: QWidget | QLayout, stretch: int | None = None) -> QFrame:

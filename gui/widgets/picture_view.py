@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QRectF
 from PySide6.QtGui import QBrush, QColor
-from PySide6.QtWidgets import QGraphicsRectItem, QWidget
+from PySide6.QtWidgets import QGraphicsRectItem, QMenu, QWidget
 
 from gui import maps
 from gui.models.cursor import LinkedCursor
 from gui.widgets.plots import Plot
 
+MARGIN = 0.02
+"""Room around a picture, share of its sides."""
 UNDEFINED = "#8a8a8a"
 """Grey of undefined pixels, as in the figures."""
 
@@ -65,6 +68,7 @@ class PictureView(Plot):
         self._frozen = False
         self._marks: pg.ImageItem | None = None
         self._limits: tuple[float, float] | None = None
+        self._given: tuple[float, float] | None = None
         self.image = pg.ImageItem(axisOrder="row-major")
         self.image.setZValue(-10)
         self.item.addItem(self.image)
@@ -87,6 +91,9 @@ class PictureView(Plot):
             self.bar.setImageItem(self.image, insert_in=self.item)
             self.add_bar(self.bar)
         self.bar.sigLevelsChanged.connect(self._chosen)
+        self._by_hand = False
+        view.sigRangeChangedManually.connect(self._zoomed)
+        view.sigResized.connect(lambda _: self._fit())
 
     def show_values(
         self,
@@ -114,10 +121,8 @@ class PictureView(Plot):
         levels = self._limits or limits or self._automatic(values)
         self.image.setImage(values, autoLevels=False, levels=levels)
         self._place(values.shape[:2], x, y)
-        if self._with_bar:
-            self.bar.blockSignals(True)
-            self.bar.setLevels(levels)
-            self.bar.blockSignals(False)
+        self._given = limits
+        self._show_levels(levels)
         self._mark(marked)
 
     def show_colours(
@@ -149,6 +154,28 @@ class PictureView(Plot):
         """Keep these limits, whatever values come; None: follow the values again."""
         self._limits = limits
 
+    def choose_colours(self, name: str) -> None:
+        """Show the values in the colours of another map, one of :data:`gui.maps.MAPS`."""
+        self.bar.setColorMap(maps.colour_map(name))
+        self.image.setLookupTable(maps.lookup(name))
+
+    def fill_menu(self, menu: QMenu) -> None:
+        """What a right click offers."""
+        super().fill_menu(menu)
+        if not self._with_bar or self._values is None or self._values.ndim != 2:
+            return
+        follow = menu.addAction(self.tr("Limits follow the values"), self.automatic_levels)
+        follow.setEnabled(self._limits is not None)
+        if self.quantity.colours != maps.CYCLIC:  # an angle in other colours would have a seam
+            colours = menu.addMenu(self.tr("Colours"))
+            for name in (name for name in maps.MAPS if name != maps.CYCLIC):
+                colours.addAction(name, partial(self.choose_colours, name))
+
+    def show_everything(self) -> None:
+        """The whole picture, and again after each change of the window's size."""
+        self._by_hand = False
+        self._fit()
+
     def freeze(self, frozen: bool) -> None:
         """Keep what is shown, whatever comes."""
         self._frozen = frozen
@@ -157,7 +184,9 @@ class PictureView(Plot):
         """Forget limits that were chosen by hand."""
         self._limits = None
         if self._values is not None and self._values.ndim == 2:
-            self.image.setLevels(self._automatic(self._values.astype(np.float64)))
+            levels = self._given or self._automatic(self._values.astype(np.float64))
+            self.image.setLevels(levels)
+            self._show_levels(levels)
 
     def describe(self, x: float, y: float) -> str:
         """Place and value with unit and, where it is known, uncertainty."""
@@ -216,9 +245,19 @@ class PictureView(Plot):
         if box != self._box:
             self._box = box
             self._ground.setRect(box)
-            self.item.setRange(box, padding=0.02)
+            self._by_hand = False
+            self._fit()
         self.image.setRect(box)
         self.filled()
+
+    def _fit(self) -> None:
+        """The whole picture as large as there is room, unless a part was chosen or another view leads this one."""
+        led = any(self.item.vb.linkedView(axis) is not None for axis in (0, 1))
+        if not (self._by_hand or led or self._box.isEmpty()):
+            self.item.setRange(self._box, padding=MARGIN)
+
+    def _zoomed(self) -> None:
+        self._by_hand = True
 
     def _automatic(self, values: NDArray[np.floating]) -> tuple[float, float]:
         low, high = self.quantity.low, self.quantity.high
@@ -226,6 +265,12 @@ class PictureView(Plot):
             return low, high
         bottom, top = maps.percentile_levels(values)
         return (bottom if low is None else low, top if high is None else high)
+
+    def _show_levels(self, levels: tuple[float, float]) -> None:
+        if self._with_bar:
+            self.bar.blockSignals(True)
+            self.bar.setLevels(levels)
+            self.bar.blockSignals(False)
 
     def _chosen(self) -> None:
         low, high = self.bar.levels()

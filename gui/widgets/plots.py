@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import pyqtgraph as pg
 from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
-from PySide6.QtCore import QEvent, QPointF, Qt, Signal
-from PySide6.QtWidgets import QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtCore import QEvent, QObject, QPointF, Qt, Signal
+from PySide6.QtGui import QGuiApplication
+from PySide6.QtWidgets import QGraphicsItem, QLabel, QMenu, QSizePolicy, QVBoxLayout, QWidget
 
 from gui import theme
+from gui.widgets.turns import TURNS
 
 LINE_PX = 2
 SMALLEST_PX = 90
@@ -16,6 +18,11 @@ BAR_ROOM_PX = 26
 CURSOR = "#19d3e6"
 """Colour of the cross: seen on dark and on light pictures."""
 SIDES = ("bottom", "left")
+
+
+def cached(axis: pg.AxisItem) -> None:
+    """Keep an axis as pixels until it changes: drawing its numbers costs more than the picture beside it."""
+    axis.setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)
 
 
 class Plot(QWidget):
@@ -29,12 +36,13 @@ class Plot(QWidget):
     def __init__(self, x_label: str, x_unit: str, y_label: str, y_unit: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._bars: list[pg.ColorBarItem] = []
-        self.graph = pg.PlotWidget()
-        # Its own hint would make every page taller than a small screen.
-        self.graph.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
-        self.graph.setMinimumSize(SMALLEST_PX, SMALLEST_PX)
+        self._space = QWidget()
+        self._space.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
+        self._space.setMinimumSize(SMALLEST_PX, SMALLEST_PX)
+        self._space.installEventFilter(self)
+        self.graph = pg.PlotWidget(self._space)
         self.item = self.graph.getPlotItem()
-        self.item.setMenuEnabled(True)
+        self.item.setMenuEnabled(False, enableViewBoxMenu=False)  # it speaks to programmers; see fill_menu
         self.item.hideButtons()
         self.item.setContentsMargins(6, 12, 10, 4)
         for side, label, unit in (("bottom", x_label, x_unit), ("left", y_label, y_unit)):
@@ -43,9 +51,11 @@ class Plot(QWidget):
             axis.enableAutoSIPrefix(False)
             axis.setLabel(f"{label} [{unit}]" if unit else label)
             axis.setStyle(showValues=False)
+            cached(axis)
         self._empty: QLabel | None = QLabel(self.tr("nothing to show yet"))
         self._empty.setProperty("role", "dim")
         self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self._empty.setWordWrap(True)
         self._empty.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         over = QVBoxLayout(self.graph)
         over.addWidget(self._empty)
@@ -54,7 +64,7 @@ class Plot(QWidget):
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(2)
-        column.addWidget(self.graph, 1)
+        column.addWidget(self._space, 1)
         column.addWidget(self.readout)
         self._lines = [pg.InfiniteLine(angle=angle, pen=pg.mkPen(CURSOR, width=1)) for angle in (90, 0)]
         for line in self._lines:
@@ -81,6 +91,34 @@ class Plot(QWidget):
         if event.type() == QEvent.Type.PaletteChange and hasattr(self, "_proxy"):
             self.dress()
 
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802 - Qt's name
+        """There is room, or more or less of it: the plot is drawn there when it is its turn."""
+        if watched is self._space:
+            if event.type() in (QEvent.Type.Resize, QEvent.Type.Show):
+                TURNS.ask(self, self._take_room)
+            elif event.type() == QEvent.Type.Hide:
+                self.graph.hide()
+        return False
+
+    def _take_room(self) -> None:
+        if self.graph.isHidden() and not self._space.isVisible():
+            return  # another page has come to the front meanwhile
+        self.graph.setGeometry(self._space.rect())
+        self.graph.show()
+
+    def fill_menu(self, menu: QMenu) -> None:
+        """What a right click offers."""
+        menu.addAction(self.tr("Show everything"), self.show_everything)
+        told = self.readout.text().strip()
+        copy = menu.addAction(
+            self.tr("Copy what is under the cursor"), lambda: QGuiApplication.clipboard().setText(told)
+        )
+        copy.setEnabled(bool(told))
+
+    def show_everything(self) -> None:
+        """Back from a part that was chosen with the mouse."""
+        self.item.autoRange()
+
     def show_cursor(self, place: tuple[float, float] | None) -> None:
         """Show the cross at a place of the axes and tell what is there."""
         for line, value in zip(self._lines, place or (0.0, 0.0), strict=True):
@@ -101,6 +139,11 @@ class Plot(QWidget):
             for side in SIDES:
                 self.item.getAxis(side).setStyle(showValues=True)
 
+    def say_empty(self, words: str) -> None:
+        """Say why there is nothing yet."""
+        if self._empty is not None:
+            self._empty.setText(words)
+
     @property
     def shows(self) -> bool:
         """Whether there is anything to see."""
@@ -109,13 +152,19 @@ class Plot(QWidget):
     def add_bar(self, bar: pg.ColorBarItem) -> None:
         """A colour bar that takes on the theme with the plot."""
         self._bars.append(bar)
+        cached(bar.axis)
         # Room for five digits: numbers that do not fit are left out.
         bar.axis.setWidth(round(self.fontMetrics().horizontalAdvance("00000") + BAR_ROOM_PX))
         self.dress()
 
     def _click(self, event: MouseClickEvent) -> None:
         at = event.scenePos()
-        if event.button() == Qt.MouseButton.LeftButton and self.item.vb.sceneBoundingRect().contains(at):
+        if event.button() == Qt.MouseButton.RightButton:
+            menu = QMenu(self)
+            menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+            self.fill_menu(menu)
+            menu.popup(event.screenPos().toPoint())
+        elif event.button() == Qt.MouseButton.LeftButton and self.item.vb.sceneBoundingRect().contains(at):
             place = self.item.vb.mapSceneToView(at)
             self.clicked.emit((place.x(), place.y()))
 

@@ -54,6 +54,11 @@ class WaterfallView(Plot):
         self._next = (self._next + 1) % self._lines_kept
         self._held = min(self._held + 1, self._lines_kept)
 
+    @property
+    def most(self) -> int:
+        """How many lines are kept."""
+        return self._lines_kept
+
     def clear(self) -> None:
         """Forget all lines."""
         self._ring = None

@@ -195,10 +195,11 @@ class Pictures:
                 "dolp": image.dolp,
                 "aop_rad": image.aop,
                 "dolp_sd": image.dolp_sd,
+                "aop_sd_rad": image.aop_sd,
                 "flags": image.flags,
             },
             t_sample_ns=at_ns,
-            units={"s0": "counts", "dolp": "1", "aop_rad": "rad", "dolp_sd": "1", "flags": "bits"},
+            units={"s0": "counts", "dolp": "1", "aop_rad": "rad", "dolp_sd": "1", "aop_sd_rad": "rad", "flags": "bits"},
             values={
                 "dolp_median": None if math.isnan(image.dolp_median) else image.dolp_median,
                 "masked_fraction": image.masked_fraction,
