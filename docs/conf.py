@@ -32,7 +32,8 @@ html_theme = "alabaster"
 html_theme_options = {
     "description": "Rail polarimetric SAR and a polarization camera on one scene",
     "fixed_sidebar": True,
-    "page_width": "1100px",
+    "page_width": "1280px",
+    "code_font_size": "0.8em",
     "sidebar_width": "240px",
 }
 html_math_renderer = "mathtext"

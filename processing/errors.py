@@ -1,6 +1,15 @@
-"""Errors of the numerics."""
+"""Errors of the numerics, and what is none."""
 
 from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar
+
+import numpy as np
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 
 class DataError(ValueError):
@@ -13,3 +22,14 @@ class DataError(ValueError):
         super().__init__(f"{what}; {advice}")
         self.what = what
         self.advice = advice
+
+
+def undefined_is_nan(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """For functions in which undefined values come in and go out as NaN: NumPy does not warn of them on the way."""
+
+    @functools.wraps(function)
+    def quiet(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            return function(*args, **kwargs)
+
+    return quiet

@@ -21,7 +21,8 @@ def drawn(tex: str, kind: str) -> str:
     from matplotlib.font_manager import FontProperties
     from matplotlib.mathtext import MathTextParser
 
-    text = "$" + " ".join(tex.split()) + "$"
+    tex_shown = tex.replace("\\frac", "\\dfrac") if kind == "display" else tex
+    text = "$" + " ".join(tex_shown.split()) + "$"
     font = FontProperties(size=SIZE_PT[kind], math_fontfamily="stix")
     width, height, depth, _, _ = MathTextParser("path").parse(text, dpi=72, prop=font)
     pad = 1.0

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import h2vp, hankel2, j1, jv, jvp, spherical_jn, spherical_yn
 
-from processing.errors import DataError
+from processing.errors import DataError, undefined_is_nan
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -56,6 +56,7 @@ def sphere_mie_rcs(radius_m: float, wavelength_m: float) -> float:
     return float(abs(sphere_amplitude(radius_m, wavelength_m)) ** 2)
 
 
+@undefined_is_nan
 def cylinder_amplitude(radius_m: float, length_m: float, tilt_rad: ArrayLike, wavelength_m: float) -> Floats:
     """Signed amplitude of a large conducting cylinder by physical optics, sqrt(m^2), without its ends.
 
@@ -70,6 +71,7 @@ def cylinder_amplitude(radius_m: float, length_m: float, tilt_rad: ArrayLike, wa
     return np.asarray(slanted * length_m * np.sinc(2 * length_m * np.sin(tilt) / wavelength_m))
 
 
+@undefined_is_nan
 def cylinder_rcs(radius_m: float, length_m: float, wavelength_m: float, tilt_rad: ArrayLike = 0.0) -> Floats:
     """RCS of a large conducting cylinder, m^2; 2 pi r L^2 / lambda broadside (thesis Table 2.5)."""
     return cylinder_amplitude(radius_m, length_m, tilt_rad, wavelength_m) ** 2
@@ -117,6 +119,7 @@ def cylinder_scattering(
     return np.asarray(np.sqrt(1j) * (parallel * axis + perpendicular * (np.eye(2) - axis)))
 
 
+@undefined_is_nan
 def disc_amplitude(radius_m: float, tilt_rad: ArrayLike, wavelength_m: float) -> Floats:
     """Signed amplitude of a flat disc by physical optics, sqrt(m^2); zero from behind.
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from processing.errors import DataError
+from processing.errors import DataError, undefined_is_nan
 
 Floats = NDArray[np.float64]
 
@@ -27,6 +27,7 @@ def to_dbsm(rcs_m2: ArrayLike) -> Floats:
         return np.asarray(10.0 * np.log10(rcs))
 
 
+@undefined_is_nan
 def from_dbsm(rcs_dbsm: ArrayLike) -> Floats:
     """RCS in m^2 from dBsm."""
     return np.asarray(10.0 ** (np.asarray(rcs_dbsm, dtype=np.float64) / 10.0))
@@ -38,6 +39,7 @@ def sphere_rcs(radius_m: float) -> float:
     return float(np.pi * radius_m**2)
 
 
+@undefined_is_nan
 def plate_amplitude(
     width_m: float, height_m: float, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, wavelength_m: float
 ) -> Floats:
@@ -57,6 +59,7 @@ def plate_amplitude(
     return np.asarray(np.sqrt(4 * np.pi) * width_m * height_m / wavelength_m * np.maximum(w, 0.0) * pattern)
 
 
+@undefined_is_nan
 def plate_rcs(
     width_m: float,
     height_m: float,
@@ -68,6 +71,7 @@ def plate_rcs(
     return plate_amplitude(width_m, height_m, azimuth_rad, elevation_rad, wavelength_m) ** 2
 
 
+@undefined_is_nan
 def dihedral_amplitude(
     fold_length_m: float,
     face_width_m: float,
@@ -100,6 +104,7 @@ def dihedral_amplitude(
     return np.asarray(np.sqrt(4 * np.pi) * fold_length_m * aperture / wavelength_m * pattern)
 
 
+@undefined_is_nan
 def dihedral_rcs(
     fold_length_m: float,
     face_width_m: float,
@@ -112,6 +117,7 @@ def dihedral_rcs(
     return dihedral_amplitude(fold_length_m, face_width_m, azimuth_rad, elevation_rad, wavelength_m, fold_rad) ** 2
 
 
+@undefined_is_nan
 def square_trihedral_amplitude(
     edge_m: float, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, wavelength_m: float
 ) -> Floats:
@@ -128,6 +134,7 @@ def square_trihedral_amplitude(
     return _trihedral(edge_m, wavelength_m, np.where(c1 <= 0, 0.0, np.where(c2 <= c3 / 2, narrow, wide)))
 
 
+@undefined_is_nan
 def square_trihedral_rcs(
     edge_m: float,
     wavelength_m: float,
@@ -138,6 +145,7 @@ def square_trihedral_rcs(
     return square_trihedral_amplitude(edge_m, azimuth_rad, elevation_rad, wavelength_m) ** 2
 
 
+@undefined_is_nan
 def triangular_trihedral_amplitude(
     edge_m: float, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, wavelength_m: float
 ) -> Floats:
@@ -153,6 +161,7 @@ def triangular_trihedral_amplitude(
     return _trihedral(edge_m, wavelength_m, np.where(c1 <= 0, 0.0, aperture))
 
 
+@undefined_is_nan
 def triangular_trihedral_rcs(
     edge_m: float,
     wavelength_m: float,

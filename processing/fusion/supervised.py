@@ -155,16 +155,21 @@ def gaussian_mixture(samples: ArrayLike, classes: int | None = None, *, most: in
     from sklearn.mixture import GaussianMixture
 
     every = np.asarray(samples, dtype=np.float64)
+    if every.ndim != 2 or not every.shape[1]:
+        raise DataError(f"samples of a mixture have shape {every.shape}", "give (n, d)")
     defined = np.isfinite(every).all(axis=1)
     x = every[defined]
+    scale = float(np.var(x, axis=0).max()) if len(x) else 0.0
+    distinct = len(np.unique(x, axis=0)) if scale > 0 else min(len(x), 1)
+    if distinct < (1 if classes is None else classes):
+        raise DataError(f"{distinct} different samples for a mixture", "use a larger image, or ask for fewer classes")
     if len(x) < 2 * (1 if classes is None else classes) * every.shape[1]:
         raise DataError(f"{len(x)} defined samples for a mixture", "use a larger image, or ask for fewer classes")
     counts = range(1, most + 1) if classes is None else (classes,)
-    scale = float(np.var(x, axis=0).max())
     fits = [
         GaussianMixture(k, reg_covar=1e-9 * scale if scale > 0 else 1e-12, n_init=3, random_state=seed).fit(x)
         for k in counts
-        if len(x) >= 2 * k * every.shape[1]
+        if len(x) >= 2 * k * every.shape[1] and distinct >= k
     ]
     best = min(fits, key=lambda model: model.bic(x))
     labels = np.full(len(every), UNCLASSIFIED, dtype=np.int64)

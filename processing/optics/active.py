@@ -153,7 +153,7 @@ def _one_side(angles_rad: ArrayLike, extinction: float, side: str) -> Floats:
         doubled = 2 * np.atleast_1d(np.asarray(angles_rad, dtype=np.float64))
         crossed = np.all(np.abs(np.sin(doubled)) <= math.sin(2 * CROSS_TOLERANCE_RAD))
         matrix, wanted = matrix[:, :2], wanted[:, :2]
-        if not crossed or np.ptp(np.cos(doubled)) < 1:
+        if not doubled.size or not crossed or np.ptp(np.cos(doubled)) < 1:
             degrees = ", ".join(f"{math.degrees(angle / 2):.4g}" for angle in doubled)
             raise DataError(
                 f"the {side}'s polarizer at {degrees} degrees does not tell horizontal from vertical",

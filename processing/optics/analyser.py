@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from processing.errors import DataError
+from processing.errors import DataError, undefined_is_nan
 
 Floats = NDArray[np.float64]
 
@@ -81,8 +81,10 @@ def measurement_matrix(angles_rad: ArrayLike, extinction_ratio: float = math.inf
 
 
 def condition_number(matrix: Floats) -> float:
-    """Ratio of the largest to the smallest singular value of a (K, 3) measurement matrix; infinite when singular."""
+    """Largest over smallest singular value of a (K, 3) measurement matrix; infinite where singular or not finite."""
     if matrix.shape[0] < 3:
+        return math.inf
+    if not np.isfinite(matrix).all() or not matrix.size:
         return math.inf
     singular = np.linalg.svd(matrix, compute_uv=False)
     # Exact singularity leaves rounding errors of some eps in the smallest value.
@@ -91,6 +93,7 @@ def condition_number(matrix: Floats) -> float:
     return float(singular[0] / singular[-1])
 
 
+@undefined_is_nan
 def least_squares(matrix: Floats, weights: ArrayLike | None = None, *, limit: float = CONDITION_LIMIT) -> Floats:
     """The (3, K) matrix that turns K intensities into the least-squares (S0, S1, S2).
 

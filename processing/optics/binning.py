@@ -44,7 +44,7 @@ def bin_frame(image: NDArray[np.unsignedinteger], factor: int, saturation_counts
     """
     rows, columns = _check(image, factor)
     mean, share = np.empty((rows, columns), np.float32), np.empty((rows, columns), np.float32)
-    _bin(np.ascontiguousarray(image), factor, saturation_counts, mean, share)
+    _bin(np.ascontiguousarray(image, dtype=image.dtype.newbyteorder("=")), factor, saturation_counts, mean, share)
     return mean, share
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from processing.errors import DataError
+from processing.errors import DataError, undefined_is_nan
 
 Floats = NDArray[np.float64]
 
@@ -75,6 +75,7 @@ class Pinhole:
         sine, cosine = math.sin(self.depression_rad), math.cos(self.depression_rad)
         return np.array([[1.0, 0.0, 0.0], [0.0, -sine, -cosine], [0.0, cosine, -sine]])
 
+    @undefined_is_nan
     def project(self, xyz_m: ArrayLike) -> tuple[Floats, Floats, NDArray[np.bool_]]:
         """Image of points in the world.
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from processing.errors import undefined_is_nan
+
 Floats = NDArray[np.float64]
 
 ROUNDING = 1e-12
@@ -50,6 +52,7 @@ def widening(polarized: ArrayLike, variance: ArrayLike) -> Floats:
     return np.where(b2 > 0, factor, 1.0)
 
 
+@undefined_is_nan
 def polarization(stokes: ArrayLike, covariance: ArrayLike) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
     """Degree and angle of linear polarization with their errors (thesis 2.12, 2.14).
 

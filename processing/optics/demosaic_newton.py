@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from processing.errors import undefined_is_nan
 from processing.optics.mosaic import ANGLES_DEG, Mosaic, check_mosaic_image
 
 Floats = NDArray[np.float64]
@@ -25,6 +26,7 @@ _REACH = 3
 _TINY = 1e-12
 
 
+@undefined_is_nan
 def demosaic_newton(image: NDArray[np.generic], mosaic: Mosaic) -> Floats:
     """Full-size image behind each angle.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from processing.errors import DataError
+from processing.errors import DataError, undefined_is_nan
 from processing.optics.mosaic import Mosaic
 
 Floats = NDArray[np.float64]
@@ -82,6 +82,8 @@ def fit_linearity(counts: ArrayLike, exposures_s: ArrayLike, *, order: int = 2) 
         raise DataError("counts or exposures are not all positive", "check the black level and leave dark frames out")
     # k t / x - c1 x - c2 x^2 ... = 1: relative deviations count alike. Scaled so that all unknowns are near 1.
     top, long = float(x.max()), float(t.max())
+    if top**order == 0:
+        raise DataError(f"counts up to {top:g} are no light", "check the black level and the exposure")
     design = np.stack([(t / long) * (top / x), *(-((x / top) ** n) for n in range(1, order + 1))], axis=1)
     solved, *_ = np.linalg.lstsq(design, np.ones(len(x)), rcond=None)
     found = Linearity(tuple(float(c) / top**n for n, c in enumerate(solved[1:], start=1)), top)
@@ -90,6 +92,7 @@ def fit_linearity(counts: ArrayLike, exposures_s: ArrayLike, *, order: int = 2) 
     return Linearity(found.coefficients, top, float(np.max(np.abs(line / (rate * t) - 1))))
 
 
+@undefined_is_nan
 def flat_field(light: NDArray[np.floating], mosaic: Mosaic | None = None) -> Floats:
     """Each pixel's response to equal light, over the mean of the pixels behind the same angle.
 

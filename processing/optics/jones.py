@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from processing.errors import DataError
+from processing.errors import DataError, undefined_is_nan
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -71,6 +71,7 @@ def rotator(angle_rad: float) -> Complexes:
     return np.array([[c, s], [-s, c]], dtype=np.complex128)
 
 
+@undefined_is_nan
 def stokes(field: ArrayLike) -> Floats:
     """Stokes vectors (..., 4) of Jones vectors (..., 2) (thesis 2.7 to 2.10, 2.23, 2.24)."""
     e = _last(field, (2,), "Jones vectors")
@@ -78,6 +79,7 @@ def stokes(field: ArrayLike) -> Floats:
     return np.asarray((products @ STOKES_OF_PRODUCTS.T).real)
 
 
+@undefined_is_nan
 def mueller(matrix: ArrayLike) -> Floats:
     """Mueller matrices (..., 4, 4) of Jones matrices (..., 2, 2): ``A (J x J*) A^-1`` (thesis 2.32)."""
     j = _last(matrix, (2, 2), "Jones matrices")
@@ -85,6 +87,7 @@ def mueller(matrix: ArrayLike) -> Floats:
     return np.asarray((STOKES_OF_PRODUCTS @ products @ _PRODUCTS_OF_STOKES).real)
 
 
+@undefined_is_nan
 def covariance_of_mueller(matrix: ArrayLike) -> Complexes:
     """Hermitian matrices (..., 4, 4) ``<vec(J) vec(J)^H>`` whose Mueller matrices are given; the trace is 2 M00.
 
@@ -110,7 +113,10 @@ def of_mueller(matrix: ArrayLike) -> Complexes:
 
     The phase is chosen so that the largest element is real and positive.
     """
-    values, vectors = np.linalg.eigh(covariance_of_mueller(matrix))
+    covariance = covariance_of_mueller(matrix)
+    if not np.isfinite(covariance).all():
+        raise DataError("a Mueller matrix holds elements that are not finite", "leave undefined pixels out")
+    values, vectors = np.linalg.eigh(covariance)
     nearest = vectors[..., -1] * np.sqrt(np.maximum(values[..., -1:], 0.0))
     largest = np.take_along_axis(nearest, np.abs(nearest).argmax(axis=-1)[..., None], axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -104,6 +104,8 @@ def mosaic_stokes(
         DataError: not an image of even size, another type, or a solution or an ``out`` of another shape.
     """
     weights = _checked(image, solution, black_level)
+    if not image.dtype.isnative:
+        image = image.astype(image.dtype.newbyteorder("="))
     if image.dtype not in (np.uint8, np.uint16, np.float32):
         raise DataError(f"a mosaic frame is {image.dtype}", "give uint8, uint16 or float32")
     if threads < 1:

@@ -137,8 +137,10 @@ def extinction_scale(extinction_ratio: float) -> float:
 
 
 def checked(matrix: ArrayLike) -> Floats:
-    """As float64. Raises :class:`DataError` unless the last two axes are 4 by 4."""
+    """As float64. Raises :class:`DataError` unless the last two axes are 4 by 4 and all elements are finite."""
     m = np.asarray(matrix, dtype=np.float64)
     if m.shape[-2:] != (4, 4):
         raise DataError(f"Mueller matrices have shape {m.shape}", "give 4 by 4 elements along the last two axes")
+    if not np.isfinite(m).all():
+        raise DataError("a Mueller matrix holds elements that are not finite", "leave undefined pixels out")
     return m

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.errors import DataError
+from processing.errors import DataError, undefined_is_nan
 from processing.optics.debias import ROUNDING, UNKNOWN_ANGLE_SD_RAD, WIDER, WIDER_UNTIL, polarization
 from processing.optics.series import PolarizerSeries
 
@@ -79,6 +79,7 @@ class StokesImage:
         return float(np.median(defined)) if defined.size else float("nan")
 
 
+@undefined_is_nan
 def stokes_planes_reference(
     light: NDArray[np.floating],
     saturated: NDArray[np.bool_],
@@ -163,6 +164,8 @@ def stokes_planes(
         DataError: shapes that do not fit each other, or integer images (whose differences would wrap).
     """
     response, share = _checked(light, saturated, series, response, share)
+    if light.dtype not in (np.float32, np.float64) or not light.dtype.isnative:
+        light = light.astype(np.float32 if light.dtype.itemsize <= 4 else np.float64)  # what the kernel is compiled for
     planes = np.empty((len(PLANES), *saturated.shape), dtype=np.float32)
     flags = np.empty(saturated.shape, dtype=np.uint8)
     _kernel(

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
-from processing.errors import DataError
+from processing.errors import DataError, undefined_is_nan
 from processing.polarimetry.pauli import SQRT2, Complexes, Floats
 
 Amplitudes = NDArray[np.complexfloating[Any, Any]]
@@ -33,6 +33,7 @@ _DIAGONALS = np.array([1.0, 0.5, 0.0, -0.5, -1.0, 1j])
 """Second over first diagonal element of classes 1 to 6."""
 
 
+@undefined_is_nan
 def krogager(scattering: ArrayLike) -> Floats:
     """:data:`KROGAGER` (4, ...) of scattering matrices (..., 2, 2) in (h, v); the mean of both cross elements counts.
 
@@ -83,6 +84,7 @@ def cameron(scattering: Amplitudes) -> Floats:
     return made
 
 
+@undefined_is_nan
 def cameron_reference(scattering: Amplitudes) -> Floats:
     """The definition of :func:`cameron` in NumPy."""
     hh, hv, vh, vv = _checked(scattering).astype(np.complex128)

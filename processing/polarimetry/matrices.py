@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from processing.errors import DataError
+from processing.errors import DataError, undefined_is_nan
 from processing.polarimetry.pauli import SQRT2, Complexes, Floats
 
 Planes = NDArray[np.floating[Any]]
@@ -47,6 +47,7 @@ def planes_of_matrix(matrix: ArrayLike) -> Floats:
     )  # fmt: skip
 
 
+@undefined_is_nan
 def matrix_of_planes(planes: ArrayLike) -> Complexes:
     """Hermitian matrices (..., 3, 3) of planes (9, ...)."""
     p = np.asarray(planes, dtype=np.float64)
@@ -105,6 +106,7 @@ def total_power(planes: ArrayLike) -> Floats:
     return np.asarray(p[0].astype(np.float64) + p[5] + p[8])
 
 
+@undefined_is_nan
 def coherency_turned(matrix: ArrayLike, angle_rad: ArrayLike) -> Complexes:
     """T (..., 3, 3) of targets turned by ``angle_rad`` (...) about the line of sight.
 

@@ -11,12 +11,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from processing.errors import undefined_is_nan
+
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 SQRT2 = float(np.sqrt(2.0))
 
 
+@undefined_is_nan
 def pauli_vector(s_hh: ArrayLike, s_hv: ArrayLike, s_vv: ArrayLike) -> Complexes:
     """Pauli scattering vector of a reciprocal target from complex amplitudes.
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from processing.errors import DataError
+from processing.errors import DataError, undefined_is_nan
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 
 
@@ -89,6 +89,7 @@ def beat(
     return beat_of_ranges(frequency_hz, slope_hz_s, ranges, np.asarray(amplitudes) / spread)
 
 
+@undefined_is_nan
 def beat_of_ranges(
     frequency_hz: ArrayLike, slope_hz_s: ArrayLike, ranges_m: ArrayLike, amplitudes: ArrayLike
 ) -> NDArray[np.float64]:

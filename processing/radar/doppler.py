@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.errors import DataError
+from processing.errors import DataError, undefined_is_nan
 
 
 def unambiguous_speed_m_s(wavelength_m: float, period_s: float) -> float:
@@ -30,6 +30,7 @@ def two_pulse_canceller(profiles: NDArray[np.complexfloating]) -> NDArray[np.com
     return result
 
 
+@undefined_is_nan
 def remove_background(profiles: NDArray[np.complexfloating], sweeps: int) -> NDArray[np.complexfloating]:
     """Subtract the mean over a sliding window of ``sweeps`` sweeps centred on each (cut at the ends).
 
@@ -50,6 +51,7 @@ def remove_background(profiles: NDArray[np.complexfloating], sweeps: int) -> NDA
     return result
 
 
+@undefined_is_nan
 def range_doppler(
     profiles: NDArray[np.complexfloating], period_s: float, wavelength_m: float, *, padding: int = 2
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:

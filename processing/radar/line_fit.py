@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from processing.errors import DataError, undefined_is_nan
+
 _HUBER = 1.345  # 95 % efficiency on normal errors (Huber 1964)
 
 
@@ -26,6 +28,7 @@ class Line:
         return self.middle + self.slope * (t - self.t_middle)
 
 
+@undefined_is_nan
 def robust_line(
     t: NDArray[np.float64], position: NDArray[np.float64], weight: NDArray[np.float64] | None = None
 ) -> Line:
@@ -34,7 +37,12 @@ def robust_line(
     The slope's variance is that of Huber's estimate, ``E[psi^2] / E[psi']^2 / sum((t - t_middle)^2)``, times
     ``(1 + rho) / (1 - rho)`` for residuals whose neighbours correlate with rho (first-order autoregression): speckle of
     an extended target lasts several sweeps, so that points are fewer independent witnesses than their number.
+
+    Raises:
+        DataError: no points.
     """
+    if not len(t):
+        raise DataError("a line through no points", "give one point or more")
     base = np.ones_like(t) if weight is None else weight
     factor = np.ones_like(t)
     residual = np.zeros_like(t)

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import ZoomFFT
 from scipy.signal.windows import taylor
 
-from processing.errors import DataError
+from processing.errors import DataError, undefined_is_nan
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 from processing.radar.sync import Sync
 
@@ -214,6 +214,7 @@ def compress_reference(
     return profiles
 
 
+@undefined_is_nan
 def average(profiles: NDArray[np.complexfloating]) -> NDArray[np.complex128]:
     """Mean over the first axis whose bits do not depend on the order of the profiles.
 
@@ -247,6 +248,7 @@ def remove_coupling(
     return result
 
 
+@undefined_is_nan
 def noise_of_average(profiles: NDArray[np.complexfloating]) -> float:
     """Noise power of one bin of the average of several sweeps' profiles, from how much the sweeps differ.
 
@@ -258,7 +260,7 @@ def noise_of_average(profiles: NDArray[np.complexfloating]) -> float:
         few bins does not move, over that of a gamma distribution (Wilson and Hilferty 1931). NaN for one sweep.
     """
     count = len(profiles)
-    if count < 2:
+    if count < 2 or not profiles.size:
         return float("nan")
     values = np.asarray(profiles, dtype=np.complex128)
     # Both averages do not depend on the order of the sweeps, so neither does this.

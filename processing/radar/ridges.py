@@ -13,6 +13,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from processing.errors import DataError
+
 TURN_COST = 3.0
 """Cost of a change of speed by one step from sweep to sweep, in the score's units."""
 
@@ -34,7 +36,12 @@ def best_path(score: NDArray[np.float64], speeds: NDArray[np.float64]) -> Path:
     Args:
         score: (sweeps, bins) score of each cell, negative where there is nothing.
         speeds: (speeds,) ascending, evenly spaced, bins per sweep.
+
+    Raises:
+        DataError: no sweeps, bins or speeds.
     """
+    if not score.size or not len(speeds):
+        raise DataError(f"a path through scores {score.shape} at {len(speeds)} speeds", "give one or more of each")
     choice, total, end = _forward(np.ascontiguousarray(score, dtype=np.float64), _moves(speeds, len(score)))
     return _trace(choice, _moves(speeds, len(score)), total, end)
 

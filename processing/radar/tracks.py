@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.errors import DataError
+from processing.errors import DataError, undefined_is_nan
 from processing.radar.doppler import remove_background, unambiguous_speed_m_s
 from processing.radar.line_fit import breaks, robust_line
 from processing.radar.ridges import best_path
@@ -144,12 +144,15 @@ def _background_sweeps(settings: TrackSettings, period_s: float, count: int) -> 
     return min(max(round(settings.background_s / period_s), 4), count)
 
 
+@undefined_is_nan
 def noise_normalised_db(moving: NDArray[np.complexfloating]) -> NDArray[np.float64]:
     """Power in dB over the noise: of each range over time (lower quartile), then of each sweep over range (median).
 
     Targets fill a range for a part of the time only: up to three quarters of it do not lift the noise that is found.
     """
     power = 20 * np.log10(np.maximum(np.abs(moving), 1e-300))
+    if not power.size:
+        return np.asarray(power)
     # Of exponentially distributed power the median lies 10 log10(ln 2 / ln(4/3)) = 3.82 dB over the lower quartile.
     power = power - np.percentile(power, 25, axis=0) - 3.82
     result: NDArray[np.float64] = power - np.maximum(np.median(power, axis=1, keepdims=True), 0.0)

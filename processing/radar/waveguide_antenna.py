@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import j1, jvp
 
-from processing.errors import DataError
+from processing.errors import DataError, undefined_is_nan
 from processing.radar.antenna import one_way_gain
 
 Floats = NDArray[np.float64]
@@ -22,6 +22,7 @@ TM01 = 2.404825557695773
 """First zero of J0: cut-off of TM01, the next mode that a can's probe excites."""
 
 
+@undefined_is_nan
 def circular_waveguide_pattern(
     off_axis_rad: ArrayLike, plane_rad: ArrayLike, diameter_m: float, wavelength_m: float
 ) -> Floats:

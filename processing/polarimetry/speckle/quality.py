@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from processing.errors import DataError
+from processing.errors import DataError, undefined_is_nan
 
 
 def equivalent_looks(intensity: ArrayLike) -> float:
@@ -45,6 +45,7 @@ def matrix_looks(planes: ArrayLike) -> float:
     return float(trace**2 / excess) if excess > 0 else float("inf")
 
 
+@undefined_is_nan
 def estimated_looks(intensity: ArrayLike, window: int = 7) -> float:
     """Equivalent looks of an image whose even regions are not known: the most frequent of its windows' own looks.
 
