@@ -27,8 +27,8 @@ Complexes = NDArray[np.complex128]
 
 CHANNELS = ("HH", "HV", "VH", "VV")
 KERNEL = Kernel(6, 1.5)
-STEPS = 8192
-"""Intervals of the kernel's table between two samples."""
+STEPS = 1024
+"""Intervals of the kernel's table between two samples, within which it is taken as linear."""
 
 
 @dataclass(frozen=True)
@@ -197,12 +197,14 @@ def spread_echoes(
             factor = complex(even * math.cos(angle), -even * math.sin(angle))
             at = way * samples_per_m
             whole = math.floor(at)
-            row = int((at - whole) * steps + 0.5)
+            fine = (at - whole) * steps
+            row = min(int(fine), steps - 1)
+            fine -= row
             first = int(whole) - taps // 2 + 1
             hh, hv, vv = factor * amplitudes[n, 0, 0], factor * amplitudes[n, 0, 1], factor * amplitudes[n, 1, 1]
             for tap in range(taps):
                 sample = (first + tap) % length
-                weight = weights[row, tap]
+                weight = weights[row, tap] + fine * (weights[row + 1, tap] - weights[row, tap])
                 spread[p, 0, sample] += weight * hh
                 spread[p, 1, sample] += weight * hv
                 spread[p, 2, sample] += weight * vv

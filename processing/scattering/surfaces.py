@@ -115,7 +115,7 @@ def rough_backscatter(surface: RadarSurface, incidence_rad: ArrayLike, wavelengt
 
     ``p = hh/vv = (1 - (2 t / pi)^(1 / 3 G0) exp(-ks))^2``, ``q = hv/vv = 0.23 sqrt(G0) (1 - exp(-ks))``,
     ``vv = 0.7 (1 - exp(-0.65 ks^1.8)) cos^3 t / sqrt(p) (G_h + G_v)``; G are Fresnel's reflectances (G0 upright).
-    Fitted to measurements of bare soil from 1.5 to 9.5 GHz, ``0.1 < ks < 6`` and 10 to 70 degrees; elsewhere it is stretched.
+    Fitted to measurements of bare soil from 1.5 to 9.5 GHz, ``0.1 < ks < 6`` and 10 to 70 degrees; stretched beyond.
 
     Args:
         surface: permittivity and roughness; a smooth one scatters nothing back.

@@ -2,8 +2,8 @@
 
 Sizes are those of the real things. Permittivities are ITU-R P.2040's (:mod:`processing.scattering.permittivity`) but
 for asphalt (dry asphalt concrete, e' 4 to 8) and skin (Gabriel 1996, at 10 GHz). Roughness: 1 mm of worn asphalt, 10 mm
-of grown ground, 5 mm of bark. Optical indices: 1.5 of paint, glass and bitumen's mineral, 1.45 of leaves' wax (Vanderbilt and Grant
-1985, IEEE TGRS 23), the thesis's 1.02 + 6.84i of aluminium (4.6).
+of grown ground, 5 mm of bark. Optical indices: 1.5 of paint, glass and mineral, 1.45 of leaves' wax (Vanderbilt and
+Grant 1985, IEEE TGRS 23), the thesis's 1.02 + 6.84i of aluminium (4.6).
 """
 
 from __future__ import annotations
