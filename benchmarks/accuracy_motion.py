@@ -80,6 +80,23 @@ def _trial(collect: Collect, seed: int) -> _Trial:
     return _Trial(point, found, by_place)
 
 
+def collected(point: MovingPoint, collect: Collect, random: np.random.Generator) -> RangeProfiles:
+    """Range profiles of one target behind the clutter and noise of this benchmark."""
+    behind = ground_clutter(collect, CLUTTER, random) + receiver_noise(collect, NOISE, random)
+    return _profiles(moving_history([point], collect).echoes[0] + behind, collect)
+
+
+def seen_at(point: MovingPoint) -> tuple[float, float, float]:
+    """Where the picture of what stands shows a point, from the geometry alone."""
+    x, y, z = point.position_m
+    along, away, _ = point.velocity_m_s
+    abeam = x / (SPEED - along)
+    y += away * abeam
+    slant = float(np.hypot(y, z))
+    shift = -away * y / SPEED
+    return x + along * abeam + shift, float(np.sqrt(slant**2 - shift**2 - z**2)), z
+
+
 def _profiles(echoes: np.ndarray, collect: Collect) -> RangeProfiles:
     return history_profiles(history_of(echoes, collect), oversampling=2)
 

@@ -75,11 +75,11 @@ def time_frequency(
     padded = np.zeros((len(pieces), size), dtype=np.complex128)
     padded[:, : window // 2], padded[:, size - window // 2 :] = pieces[:, window // 2 :], pieces[:, : window // 2]
     spectrum = np.fft.fftshift(np.fft.fft(padded, axis=1), axes=1)
-    power = np.abs(spectrum) ** 2
+    power = np.asarray(np.abs(spectrum) ** 2, dtype=np.float64)
     for i in range(1, width + 1):
         inner = slice(i, size - i)
         power[:, inner] += 2 * np.real(spectrum[:, 2 * i :] * np.conj(spectrum[:, : size - 2 * i]))
-    time = start_s + (np.arange(len(pieces)) * hop + window / 2) * step_s
+    time = np.asarray(start_s + (np.arange(len(pieces)) * hop + window / 2) * step_s, dtype=np.float64)
     return TimeFrequency(power, time, np.asarray(np.fft.fftshift(np.fft.fftfreq(size, step_s)), dtype=np.float64))
 
 
