@@ -31,7 +31,10 @@ def debias(polarized: ArrayLike, variance: ArrayLike) -> Floats:
     """
     p, b2 = np.broadcast_arrays(np.asarray(polarized, dtype=np.float64), np.asarray(variance, dtype=np.float64))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        less = np.where((b2 > 0) & (p > 0), -b2 * np.expm1(-p * p / b2) / (2 * p), 0.0)
+        # In terms of p^2 / b^2 nothing overflows or vanishes before the estimate itself does.
+        ratio = (p / np.sqrt(b2)) ** 2
+        share = np.where(ratio > 0, -np.expm1(-ratio) / (2 * ratio), 0.5)
+        less = np.where((b2 > 0) & (p > 0), p * share, 0.0)
     estimate: Floats = p - np.where(np.isnan(b2), np.nan, less)
     return estimate
 

@@ -72,3 +72,15 @@ def test_the_theory_names_each_equation_of_the_thesis_that_code_refers_to() -> N
                     asked[number] = path.relative_to(ROOT).as_posix()
     assert len(asked) > 15
     assert {number: where for number, where in asked.items() if number not in told} == {}
+
+
+def test_every_test_that_a_page_names_is_there() -> None:
+    named = 0
+    for page in pages():
+        for path, name in re.findall(r"`(tests/[\w/]+\.py)(?:::(\w+))?`", (ROOT / page).read_text(encoding="utf-8")):
+            assert (ROOT / path).exists(), f"{page} names {path}"
+            assert not name or f"def {name}(" in (ROOT / path).read_text(encoding="utf-8"), (
+                f"{page} names {path}::{name}"
+            )
+            named += 1
+    assert named > 35
