@@ -46,6 +46,12 @@ from processing.sar.factorized import factorized
 from processing.sar.grid import ImageGrid
 from processing.sar.polar_format import polar_format
 from processing.sar.range_migration import range_migration
+from processing.scattering.contributions import together
+from processing.scattering.history import Sweep, phase_history
+from processing.scattering.rough import rough_points
+from processing.scattering.shooting import Density, shoot
+from processing.scattering.surfaces import RadarSurface
+from processing.scattering.target import radar_target
 
 
 def warm_up() -> None:
@@ -98,6 +104,18 @@ def warm_up() -> None:
     lit_points(mirrors, 0, rays=2)
 
     _polarimetry()
+    _scattering()
+
+
+def _scattering() -> None:
+    """A corner's echoes: rays, their sum, and a phase history of footprints and points."""
+    surfaces = [RadarSurface(5 - 0.2j, 0.001)]
+    target = radar_target(dihedral(0.5), surfaces, 0.125)
+    antenna_m = np.array([0.0, 5.0, 5.0])
+    found = shoot(target, antenna_m, np.zeros(3), Density(0.25, 1, 2)).contributions
+    found.scattering(antenna_m, 0.125, np.zeros(3))
+    both = together([found, rough_points(target, surfaces, antenna_m, 10.0)])
+    phase_history(lambda _: both, antenna_m[None], np.zeros(3), Sweep(2.4e9, 80e6, 16))
 
 
 def _polarimetry() -> None:

@@ -149,7 +149,7 @@ def echoes_reference(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def sinc(x: float) -> float:
+def sine_over(x: float) -> float:
     """Sine of x over x."""
     return math.sin(x) / x if abs(x) > 1e-6 else 1.0
 
@@ -187,7 +187,7 @@ def echoes(
         length, across, up, gain = path(places[n], antenna, beam)
         for f in range(len(wavenumbers)):
             k = wavenumbers[f]
-            even = gain * sinc(0.5 * k * across) * sinc(0.5 * k * up)
+            even = gain * sine_over(0.5 * k * across) * sine_over(0.5 * k * up)
             if footprints[n]:
                 even *= k
             angle = k * (length - reference)

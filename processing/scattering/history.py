@@ -20,7 +20,7 @@ from processing.errors import DataError
 from processing.radar.phase_history import PhaseHistory
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 from processing.sar.gridding import Kernel
-from processing.scattering.contributions import ISOTROPIC, Beam, Contributions, path, sinc
+from processing.scattering.contributions import ISOTROPIC, Beam, Contributions, path, sine_over
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -192,7 +192,7 @@ def spread_echoes(
             way, across, up, even = path(places[n], track[p], beam)
             way -= 2.0 * reference[p]
             if grows:
-                even *= wavenumber * sinc(0.5 * wavenumber * across) * sinc(0.5 * wavenumber * up)
+                even *= wavenumber * sine_over(0.5 * wavenumber * across) * sine_over(0.5 * wavenumber * up)
             angle = wavenumber * way
             factor = complex(even * math.cos(angle), -even * math.sin(angle))
             at = way * samples_per_m
