@@ -178,13 +178,17 @@ def pinhole(camera: CameraSection) -> Pinhole:
         height_px=camera.height_px,
         position_m=camera.position_m,
         depression_rad=math.radians(camera.depression_deg),
+        distortion=camera.distortion,
+        principal_offset_px=camera.principal_offset_px,
     )
 
 
 def pinhole_of(settings: Mapping[str, Any]) -> Pinhole:
     """The camera that a stage ``"optics"`` was taken with, from its settings."""
     values = dict(settings["camera"])
-    return Pinhole(**{**values, "position_m": tuple(values["position_m"])})
+    # Files that were written before lenses were calibrated tell none of their numbers.
+    points = ("position_m", "distortion", "principal_offset_px")
+    return Pinhole(**{**values, **{name: tuple(values[name]) for name in points if name in values}})
 
 
 def series_of(settings: Mapping[str, Any]) -> PolarizerSeries:

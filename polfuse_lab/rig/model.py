@@ -107,6 +107,10 @@ class CameraSection(DeviceSection):
     """Entrance pupil in rig coordinates (x along the rail, y away, z up), m; origin at the aperture's centre."""
     depression_deg: float = Field(default=17.0, ge=-90, le=90)
     """Angle of the optical axis below horizontal, degrees."""
+    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    """Lens distortion k1, k2, p1, p2 (Brown and Conrady), found with a chessboard; see docs/registration.md."""
+    principal_offset_px: tuple[float, float] = (0.0, 0.0)
+    """Where the optical axis meets the sensor, from its middle to the right and down, pixels."""
     saturation_counts: int = Field(default=65_535, gt=0)
     """Counts at and above which a pixel is saturated."""
     black_level_counts: float = Field(default=0.0, ge=0)

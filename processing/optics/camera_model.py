@@ -1,8 +1,8 @@
-"""A pinhole camera in rig coordinates, shared by rendering and by registration.
+"""A camera in rig coordinates, shared by rendering and by registration: a pinhole, with its lens's distortion if known.
 
 Image coordinates: ``u`` counts columns to the right and ``v`` rows downwards; pixel centres have whole numbers, and
-the optical axis passes through ``((width_px - 1) / 2, (height_px - 1) / 2)``. The camera looks along +y, depressed
-towards the ground, with its rows parallel to the rail. Lens distortion is not modelled.
+the optical axis passes through ``((width_px - 1) / 2, (height_px - 1) / 2)`` unless a calibration says otherwise. The
+camera looks along +y, depressed towards the ground, with its rows parallel to the rail.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from processing.errors import DataError, undefined_is_nan
+from processing.optics.distortion import NONE, Coefficients, distorted, undistorted
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Pinhole:
-    """An ideal perspective camera.
+    """A perspective camera.
 
     Args:
         focal_length_m: focal length, m.
@@ -29,6 +30,8 @@ class Pinhole:
         height_px: rows.
         position_m: entrance pupil in rig coordinates (x along the rail, y away, z up), m.
         depression_rad: angle of the optical axis below horizontal, radians.
+        distortion: the lens's k1, k2, p1, p2 (:mod:`processing.optics.distortion`).
+        principal_offset_px: optical axis against the sensor's middle, right and down, pixels.
 
     Raises:
         DataError: a size, pitch or focal length that is not positive, or a direction that is not finite.
@@ -40,6 +43,8 @@ class Pinhole:
     height_px: int
     position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     depression_rad: float = 0.0
+    distortion: Coefficients = NONE
+    principal_offset_px: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         sizes = (self.focal_length_m, self.pixel_pitch_m, self.width_px, self.height_px)
@@ -52,6 +57,12 @@ class Pinhole:
             raise DataError(
                 f"the camera stands at {self.position_m} with depression {self.depression_rad} rad",
                 "give three finite coordinates and a finite angle in the rig file's [camera]",
+            )
+        lens = (*self.distortion, *self.principal_offset_px)
+        if len(lens) != 6 or not all(math.isfinite(number) for number in lens):
+            raise DataError(
+                f"the lens has distortion {self.distortion} and its axis {self.principal_offset_px} pixels off",
+                "give four and two finite numbers in the rig file's [camera]",
             )
 
     @property
@@ -67,7 +78,8 @@ class Pinhole:
     @property
     def principal_point(self) -> tuple[float, float]:
         """(u, v) of the optical axis."""
-        return (self.width_px - 1) / 2, (self.height_px - 1) / 2
+        right, down = self.principal_offset_px
+        return (self.width_px - 1) / 2 + right, (self.height_px - 1) / 2 + down
 
     @property
     def axes(self) -> Floats:
@@ -98,9 +110,14 @@ class Pinhole:
         in_front = depth > self.pixel_pitch_m
         safe = np.where(in_front, depth, np.nan)
         u0, v0 = self.principal_point
-        u = u0 + self.focal_length_px * local[..., 0] / safe
-        v = v0 + self.focal_length_px * local[..., 1] / safe
-        return u, v, in_front
+        a, b = local[..., 0] / safe, local[..., 1] / safe
+        if any(self.distortion):
+            ideal, (a, b) = (a, b), distorted(a, b, self.distortion)
+            # What the lens cannot show (where its polynomial folds back) has no image.
+            back = undistorted(a, b, self.distortion)
+            shown = np.abs(back[0] - ideal[0]) + np.abs(back[1] - ideal[1]) < 1e-6
+            a, b = np.where(shown, a, np.nan), np.where(shown, b, np.nan)
+        return u0 + self.focal_length_px * a, v0 + self.focal_length_px * b, in_front
 
     def inside(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.bool_]:
         """Whether image coordinates lie on the sensor (on or within its outermost pixels' edges); NaN does not."""
@@ -124,7 +141,8 @@ class Pinhole:
             u, v = np.meshgrid(np.arange(self.width_px), np.arange(self.height_px))
         column, row = np.broadcast_arrays(np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64))
         u0, v0 = self.principal_point
-        local = np.stack([(column - u0), (row - v0), np.full(column.shape, self.focal_length_px)], axis=-1)
+        a, b = undistorted((column - u0) / self.focal_length_px, (row - v0) / self.focal_length_px, self.distortion)
+        local = np.stack([a, b, np.ones(a.shape)], axis=-1)
         local /= np.linalg.norm(local, axis=-1, keepdims=True)
         directions: Floats = local @ self.axes
         return directions
