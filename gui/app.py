@@ -7,7 +7,7 @@ from pathlib import Path
 
 from PySide6.QtWidgets import QApplication
 
-from gui import theme
+from gui import theme, translation
 from gui.errors import Uncaught
 from gui.main_window import MainWindow
 from polfuse_lab import remembered
@@ -18,6 +18,7 @@ def make_application() -> QApplication:
     application = QApplication.instance()
     if not isinstance(application, QApplication):
         application = QApplication(sys.argv[:1])
+        translation.install(application)
     application.setApplicationName("PolFuse Lab")
     settings = remembered.Settings.load()
     known = [str(name) for name in theme.THEMES]

@@ -92,6 +92,7 @@ class MainWindow(QMainWindow):
         self.navigation.currentRowChanged.connect(self._turn)
         self.bench.page_wanted.connect(self.show_page)
         self.bench.error.connect(self.error_bar.tell)
+        self.bench.told.connect(self.error_bar.tell_done)
         self.bench.engine.status.connect(self._status)
         self.bench.engine.finished.connect(self._finished)
         self.bench.live.tick.connect(self._sync)
@@ -147,7 +148,7 @@ class MainWindow(QMainWindow):
         self._pages.addWidget(scroll)
         self._names.append(name)
         item = QListWidgetItem(text)
-        item.setToolTip(f"{text} (Ctrl+{number})")
+        item.setToolTip(self.tr("{0} (Ctrl+{1})").format(text, number))
         item.setSizeHint(QSize(0, round(self.fontMetrics().height() * 2.1)))
         self.navigation.addItem(item)
         shortcut = QShortcut(QKeySequence(f"Ctrl+{number}"), self)
@@ -183,7 +184,8 @@ class MainWindow(QMainWindow):
     def _finished(self, outcome: Finished) -> None:
         words = self.tr("The replay: {0}") if self.bench.engine.replaying else self.tr("The last collect: {0}")
         words = words.format(outcome.state)
-        self.strip.show_idle(words if outcome.state == "finished" else f"{words} ({outcome.reason})")
+        # That it was aborted by the user is known to the user.
+        self.strip.show_idle(f"{words} ({outcome.reason})" if outcome.state == "failed" else words)
 
     def _restore(self) -> None:
         kept = remembered.Settings.load().get("window", "")

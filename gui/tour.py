@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -47,18 +49,38 @@ def tour(folder: Path) -> list[dict[str, str]]:
     Raises:
         PolfuseError: something did not come to its end in time, or told of an error.
     """
+    folder = folder.absolute()
     folder.mkdir(parents=True, exist_ok=True)
-    make_application()
-    with tempfile.TemporaryDirectory(prefix="polfuse-tour-") as scratch:
+    with tempfile.TemporaryDirectory(prefix="polfuse-tour-") as scratch, _a_new_user(Path(scratch)):
+        make_application()
         window = MainWindow()
         walk = _Walk(window, folder)
         try:
             window.show()
-            _steps(walk, Path(scratch) / "tour.h5")
+            _steps(walk)
         finally:
             window.close()
             QCoreApplication.processEvents()
     return walk.pages
+
+
+@contextmanager
+def _a_new_user(home: Path) -> Iterator[None]:
+    """Pictures show neither the folders nor the settings of whoever makes them."""
+    import matplotlib
+
+    # Otherwise each process would look at every font of the computer first.
+    new = {"HOME": str(home), "MPLCONFIGDIR": matplotlib.get_cachedir(), "POLFUSE_USER_DATA": str(home / ".polfuse")}
+    before = {name: os.environ.get(name) for name in new}
+    os.environ |= new
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 def _saved(window: MainWindow, path: Path) -> bool:
@@ -109,31 +131,34 @@ class _Walk:
         self.pages.append({"name": name, "file": str(path)})
 
 
-def _steps(walk: _Walk, session: Path) -> None:
+def _steps(walk: _Walk) -> None:
     window = walk.window
     setup, collect, live = window.page("setup"), window.page("collect"), window.page("live")
     assert isinstance(setup, SetupPage)
     assert isinstance(collect, CollectPage)
     assert isinstance(live, LivePage)
-    walk.save("start")
     window.start_page.try_button.click()
     walk.until(lambda: _ready(setup), "that every device is ready")
     walk.until(lambda: setup.seen, "that signals and picture are seen")
     walk.rest(2.0)
     walk.save("setup")
+    window.show_page("live")
+    live.show_tab("speeds")
+    walk.until(lambda: live.doppler.shows, "that speeds are seen")
+    walk.rest(1.0)
+    walk.save("live-speeds")
     window.show_page("collect")
     collect.text.setPlainText(PLAN)
-    collect.output.setText(str(session))
+    collect.output.setText("~/polfuse-sessions/field.h5")
     walk.until(lambda: collect.start_button.isEnabled(), "that the plan is judged")
     walk.save("plan")
     collect.start_button.click()
     walk.until(lambda: collect.done_share > 0.25, "a quarter of the collect")
     walk.save("collect")
     window.show_page("live")
-    for tab in ("ranges", "speeds"):
-        live.show_tab(tab)
-        walk.rest(1.0)
-        walk.save(f"live-{tab}")
+    live.show_tab("ranges")
+    walk.rest(1.0)
+    walk.save("live-ranges")
     live.show_tab("sar")
     walk.until(lambda: collect.done_share > 0.6 or collect.outcome is not None, "most of the collect")
     walk.save("live-sar")
@@ -152,6 +177,8 @@ def _steps(walk: _Walk, session: Path) -> None:
     _after(walk)
     window.show_page("settings")
     walk.save("settings")
+    window.show_page("start")
+    walk.save("start")
 
 
 def _ready(setup: SetupPage) -> bool:
@@ -172,10 +199,10 @@ def _after(walk: _Walk) -> None:
     walk.until(lambda: session.predicted, "a prediction")
     walk.save("session")
     session.optics_button.click()
-    walk.until(lambda: not window.bench.jobs.busy, "the polarization pictures")
+    walk.until(lambda: window.current == "products" and products.holds("optics.dolp"), "the polarization pictures")
     window.show_page("session")
     session.focus_button.click()
-    walk.until(lambda: window.current == "products" and bool(products.views), "the focused picture")
+    walk.until(lambda: products.shown_names == ["focus.HH"], "the focused picture")
     walk.save("products")
     _calibrate(walk)
     window.show_page("products")

@@ -23,8 +23,8 @@ class Workbench(QObject):
 
     error = Signal(str, str)
     """One sentence for the user, and the details."""
-    told = Signal(str)
-    """Something has been done, in one sentence; no need to do anything."""
+    told = Signal(str, object)
+    """Something has been done, in one sentence; and the path of what has been made, None: nothing to open."""
     rig_changed = Signal(object)
     """Path of the rig that is worked with, None: none."""
     session_opened = Signal(object)
@@ -44,8 +44,11 @@ class Workbench(QObject):
         self.before_collect: Callable[[], BenchLink | None] = lambda: None
         """Set-up mode, when it holds the devices."""
         self.replay_speed = 1.0
-        """How fast the last replay began."""
+        """How fast the last replay goes."""
+        self._played: Path | None = None
         self.rig: Path | None = None
+        self.simulated: Path | None = None
+        """The simulated rig, which goes with the window and is not to be remembered."""
         self.session: Path | None = None
         self.products: Path | None = None
         self.engine.failed.connect(self.error)
@@ -77,15 +80,40 @@ class Workbench(QObject):
             self.engine.starting = True
             setup.hand_over(plan, output, self.engine.adopt, self.engine.not_started)
 
-    def play(self, session: Path, speed: float) -> None:
-        """Play a session in the live view."""
+    def play(self, session: Path, speed: float, step: int = 0) -> None:
+        """Play a session in the live view, fast until a step."""
         if self.engine.busy:
             self.error.emit(self.tr("a run is being watched already: wait for its end, or stop it"), "")
             return
         self.engine.starting = True
         self.replay_speed = speed
-        background.run(lambda: ReplayClient.play(session, speed=speed), self.engine.adopt, self.engine.not_started)
+        self._played = session
+
+        def play() -> ReplayClient:
+            client = ReplayClient.play(session, speed=speed)
+            if step > 0:
+                client.seek(step)
+            return client
+
+        background.run(play, self.engine.adopt, self.engine.not_started)
         self.page_wanted.emit("live")
+
+    def set_replay_speed(self, speed: float) -> None:
+        """Play so many times as fast as recorded from now on."""
+        self.replay_speed = speed
+        self.engine.set_speed(speed)
+
+    def seek(self, step: int, shown: int) -> None:
+        """Show another step of the session that is played, of which ``shown`` is shown now.
+
+        What is shown at a step is made of all that came before it: going back begins anew.
+        """
+        if step >= shown:
+            self.engine.seek(step)
+        elif self._played is not None and self.engine.client is not None and self.engine.replaying:
+            self.engine.abort()
+            self.engine.leave()
+            self.play(self._played, self.replay_speed, step)
 
     def provenance(self) -> dict[str, object]:
         """What a saved view says about where it comes from."""

@@ -90,6 +90,11 @@ class EngineLink(QObject):
         if isinstance(self.client, ReplayClient):
             self.client.set_speed(speed)
 
+    def seek(self, step: int) -> None:
+        """Play fast until a step that is still to come, where a recorded session is played."""
+        if isinstance(self.client, ReplayClient):
+            self.client.seek(step)
+
     def leave(self) -> None:
         """Stop listening; the collect goes on."""
         self._timer.stop()

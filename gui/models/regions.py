@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QTimer, Signal
-from PySide6.QtGui import QUndoCommand, QUndoStack
+from PySide6.QtGui import QUndoStack
 
 from gui.models import background
+from gui.models.change import Change
 from polfuse_lab.products.region_statistics import Region, RegionReport, read_regions, region_report, write_regions
 
 SETTLE_MS = 250
@@ -82,7 +83,7 @@ class RegionList(QObject):
         return tuple(Region(name=name, polygon_m=corners) for name, corners in self._regions.items())
 
     def _do(self, words: str, after: dict[str, Corners]) -> None:
-        self.undo.push(_Change(self, words, self._regions, after))
+        self.undo.push(Change(words, self.set_state, self.regions, after))
 
     def set_state(self, regions: dict[str, Corners]) -> None:
         """What an undo or redo does; not for others."""
@@ -108,15 +109,3 @@ class RegionList(QObject):
                 self.failed.emit(sentence)
 
         background.run(lambda: region_report(products, regions), done, failed)
-
-
-class _Change(QUndoCommand):
-    def __init__(self, regions: RegionList, words: str, before: dict[str, Corners], after: dict[str, Corners]) -> None:
-        super().__init__(words)
-        self._regions, self._before, self._after = regions, dict(before), dict(after)
-
-    def undo(self) -> None:
-        self._regions.set_state(self._before)
-
-    def redo(self) -> None:
-        self._regions.set_state(self._after)

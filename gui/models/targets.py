@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from PySide6.QtCore import QObject, Signal
+from PySide6.QtGui import QUndoStack
 
 from gui.models import background
+from gui.models.change import Change
 from polfuse_lab import jobs
 from polfuse_lab.cli import calibration_options as options
 from polfuse_lab.products.store import Products
@@ -51,10 +53,17 @@ class Stated:
 
 @dataclass(frozen=True)
 class Looked:
-    """A target and what was found; ``view`` is None while it is being looked for."""
+    """A target and what was found; ``view`` is None while it is being looked for, or could not be."""
 
     stated: Stated
     view: TargetView | None = None
+    error: str = ""
+    """Why it could not be looked for, in one sentence."""
+
+    @property
+    def waiting(self) -> bool:
+        """Whether it is still being looked for."""
+        return self.view is None and not self.error
 
     @property
     def good(self) -> bool:
@@ -64,36 +73,47 @@ class Looked:
     @property
     def words(self) -> str:
         """What was found, in one line."""
-        return "…" if self.view is None else options.told(self.view)
+        return options.told(self.view) if self.view is not None else self.error or "…"
 
 
 class TargetList(QObject):
-    """The targets of one products file."""
+    """The targets of one products file. Every change goes through :attr:`undo`."""
 
     changed = Signal()
     failed = Signal(str, str)
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.targets: list[Looked] = []
+        self.undo = QUndoStack(self)
+        self._stated: tuple[Stated, ...] = ()
+        self._looked: dict[Stated, Looked] = {}
         self._products: Path | None = None
+
+    @property
+    def targets(self) -> list[Looked]:
+        """Targets in the order of stating, with what was found of each."""
+        return [self._looked[stated] for stated in self._stated]
 
     def look_at(self, products: Path) -> None:
         """Begin with another file."""
         self._products = products
-        self.targets = []
-        self.changed.emit()
+        self.undo.clear()
+        self._looked.clear()
+        self.set_state(())
 
     def add(self, stated: Stated) -> None:
         """Look for a target, and list it with what was found. One constant and one check at most: the newest."""
         products = self._products
-        if products is None:
+        if products is None or stated in self._stated:
             return
-        if stated.role != "crosstalk":
-            self.targets = [other for other in self.targets if other.stated.role != stated.role]
-        waiting = Looked(stated)
-        self.targets.append(waiting)
-        self.changed.emit()
+        alone = stated.role != "crosstalk"
+        others = tuple(other for other in self._stated if not (alone and other.role == stated.role))
+        known = stated in self._looked
+        if not known:
+            self._looked[stated] = Looked(stated)
+        self._do(self.tr("look for a {0}").format(stated.kind), (*others, stated))
+        if known:
+            return
 
         def look() -> TargetView:
             from polfuse_lab.products.calibration_inputs import read_focused
@@ -103,27 +123,35 @@ class TargetList(QObject):
                 read_focused(Products(products)), stated.spec(), radius_m=RADIUS_M, min_snr_db=MIN_SNR_DB
             )
 
-        def done(view: TargetView) -> None:
-            self.targets = [Looked(stated, view) if other is waiting else other for other in self.targets]
-            self.changed.emit()
+        def found(looked: Looked) -> None:
+            if products == self._products:
+                self._looked[stated] = looked
+                self.changed.emit()
 
         def failed(sentence: str, details: str) -> None:
-            self.targets = [other for other in self.targets if other is not waiting]
-            self.changed.emit()
+            found(Looked(stated, error=sentence))
             self.failed.emit(sentence, details)
 
-        background.run(look, done, failed)
+        background.run(look, lambda view: found(Looked(stated, view)), failed)
 
     def remove(self, index: int) -> None:
         """Take a target away."""
-        if 0 <= index < len(self.targets):
-            del self.targets[index]
-            self.changed.emit()
+        if 0 <= index < len(self._stated):
+            left = self._stated[:index] + self._stated[index + 1 :]
+            self._do(self.tr("remove the {0}").format(self._stated[index].kind), left)
+
+    def set_state(self, stated: tuple[Stated, ...]) -> None:
+        """What an undo or redo does; not for others."""
+        self._stated = stated
+        self.changed.emit()
+
+    def _do(self, words: str, after: tuple[Stated, ...]) -> None:
+        self.undo.push(Change(words, self.set_state, self._stated, after))
 
     @property
     def ready(self) -> bool:
         """Whether there is what a calibration needs: a good target for the constant, and nothing that waits."""
-        return all(looked.view is not None for looked in self.targets) and any(
+        return not any(looked.waiting for looked in self.targets) and any(
             looked.good and looked.stated.role == "constant" for looked in self.targets
         )
 
@@ -134,7 +162,7 @@ class TargetList(QObject):
         main = next(stated for stated in good if stated.role == "constant")
         check = next((stated for stated in good if stated.role == "check"), None)
         also = [
-            f"{stated.kind}@{stated.x_m!r},{stated.y_m!r}@{stated.edge_m!r}"
+            f"{stated.kind}@{stated.x_m!r},{stated.y_m!r}@{stated.edge_m!r}@{stated.height_m!r}"
             for stated in good
             if stated.role == "crosstalk"
         ]

@@ -24,14 +24,14 @@ from gui import theme
 from gui.models import background
 from gui.models.targets import KINDS, Looked, Role, Stated, TargetList
 from gui.widgets.job_bar import JobBar
-from gui.widgets.layout import button, card, dim, heading, show_place, title
+from gui.widgets.layout import button, card, dim, heading, show_place, title, undo_buttons
 from gui.widgets.picture_view import PictureView, Quantity
 from gui.workbench import Workbench
 from polfuse_lab.jobs import Job
 from polfuse_lab.products.pictures import Picture, load_picture, picture_names
 from polfuse_lab.products.store import Products
 
-LIST_PX = 140
+LEAST_PX = 90
 SIGNS = {True: "✓", False: "✕", None: "…"}
 
 
@@ -84,9 +84,9 @@ class CalibratePage(QWidget):
     def _target_part(self) -> QWidget:
         self.role = QComboBox()
         for role, words in (
-            ("constant", self.tr("1. gives the constant")),
-            ("crosstalk", self.tr("2. tells the crosstalk: dihedrals, upright and at 45°")),
-            ("check", self.tr("3. checks the outcome")),
+            ("constant", self.tr("1. the constant")),
+            ("crosstalk", self.tr("2. the crosstalk: dihedrals, upright and at 45°")),
+            ("check", self.tr("3. a check of the outcome")),
         ):
             self.role.addItem(words, role)
         self.role.currentIndexChanged.connect(lambda _: self._role_chosen())
@@ -108,7 +108,7 @@ class CalibratePage(QWidget):
         size.addWidget(self.height_m)
         size.addWidget(self.angle_sd)
         form = QFormLayout()
-        form.addRow(self.tr("It"), self.role)
+        form.addRow(self.tr("It is there for"), self.role)
         form.addRow(self.tr("Kind"), self.kind)
         form.addRow(self.tr("Place x, y"), place)
         form.addRow(self.tr("Edge, height, angles ±"), size)
@@ -122,24 +122,26 @@ class CalibratePage(QWidget):
         self.outcome.setReadOnly(True)
         self.outcome.setPlaceholderText(self.tr("Constant, imbalance and crosstalk with their uncertainties"))
         for tall in (self.list, self.outcome):
-            tall.setMinimumHeight(LIST_PX // 2)
-            tall.setMaximumHeight(LIST_PX)
+            tall.setMinimumHeight(LEAST_PX)
         buttons = QHBoxLayout()
         buttons.addWidget(self.remove_button)
+        for made in undo_buttons(self.targets.undo, self.tr("Undo"), self.tr("Redo")):
+            buttons.addWidget(made)
         buttons.addStretch(1)
         buttons.addWidget(self.calibrate_button)
+        lists = QSplitter(Qt.Orientation.Vertical)
+        lists.addWidget(card(self.list, buttons, stretch=0))
+        lists.addWidget(card(heading(self.tr("Outcome")), self.outcome, stretch=1))
         return card(
             heading(self.tr("A target")),
             dim(self.tr("Click where it stands in the picture, say what it is, then look for it.")),
-            form, self.look_button, self.list, buttons, heading(self.tr("Outcome")), self.outcome, stretch=4,
+            form, self.look_button, lists, stretch=4,
         )  # fmt: skip
 
     def _role_chosen(self) -> None:
         self.kind.clear()
         self.kind.addItems(KINDS[self._role])
         self.kind.setToolTip(self.tr("dihedral: its fold stands upright; dihedral_45: at 45 degrees"))
-        # Further targets share the height of the first in the command that this page runs.
-        self.height_m.setEnabled(self._role != "crosstalk")
 
     @property
     def _role(self) -> Role:
@@ -151,14 +153,10 @@ class CalibratePage(QWidget):
         self.y_m.setValue(place[1])
 
     def _look(self) -> None:
-        height_m = self.height_m.value()
-        if self._role == "crosstalk":
-            first = (one.stated.height_m for one in self.targets.targets if one.stated.role == "constant")
-            height_m = next(first, 0.0)
         self.targets.add(
             Stated(
-                self._role, self.kind.currentText(), self.x_m.value(), self.y_m.value(), self.edge_m.value(), height_m,
-                self.angle_sd.value(),
+                self._role, self.kind.currentText(), self.x_m.value(), self.y_m.value(), self.edge_m.value(),
+                self.height_m.value(), self.angle_sd.value(),
             )
         )  # fmt: skip
 
@@ -180,7 +178,7 @@ class CalibratePage(QWidget):
             self.view.item.removeItem(label)
         self._labels = []
         for number, looked in enumerate(self.targets.targets, start=1):
-            good = None if looked.view is None else looked.good
+            good = None if looked.waiting else looked.good
             item = QListWidgetItem(f"{SIGNS[good]}  {number}. {looked.words}")
             item.setForeground(pg.mkColor({True: shown.ok, False: shown.bad, None: shown.text}[good]))
             self.list.addItem(item)
@@ -205,9 +203,28 @@ class CalibratePage(QWidget):
         self._job = None
         self.calibrate_button.setEnabled(self.targets.ready)
         if job.state == "done" and job.result is not None:
-            self.outcome.setPlainText("\n".join(_told(job.result)))
-            self._bench.told.emit(self.tr("calibrated"))
+            self.outcome.setPlainText("\n".join(self._told(job.result)))
+            if not self.isVisible():  # here the outcome is seen anyway
+                self._bench.told.emit(self.tr("Calibrated: the products hold the calibrated pictures now"), None)
             self._bench.products_changed.emit()
+
+    def _told(self, result: dict[str, Any]) -> list[str]:
+        """The command's JSON in words."""
+        lines = [
+            self.tr("method: {method}"),
+            self.tr("constant {constant_db:.2f} ± {constant_sd_db:.2f} dB"),
+            self.tr("VV over HH {imbalance_db:+.2f} dB, {imbalance_deg:+.1f}°"),
+            self.tr("largest crosstalk seen {crosstalk_db:.1f} dB"),
+            self.tr("noise-equivalent RCS {noise_equivalent_dbsm:.1f} dBsm ({noise_source})"),
+        ]
+        told = [line.format(**result) for line in lines]
+        if result.get("check"):
+            words = self.tr(
+                "check in {channel}: {rcs_dbsm:.2f} dBsm, expected {expected_dbsm:.2f}, difference {error_db:+.2f} ± "
+                "{sd_db:.2f} dB"
+            )
+            told.append(words.format(**result["check"]))
+        return told
 
 
 def _spot(looked: Looked) -> tuple[float, float]:
@@ -226,21 +243,3 @@ def _metres(low: float, high: float, value: float = 0.0) -> QDoubleSpinBox:
     made.setValue(value)
     made.setMinimumWidth(90)
     return made
-
-
-def _told(result: dict[str, Any]) -> list[str]:
-    """The command's JSON in words."""
-    lines = [
-        f"method: {result['method']}",
-        f"constant {result['constant_db']:.2f} ± {result['constant_sd_db']:.2f} dB",
-        f"VV over HH {result['imbalance_db']:+.2f} dB, {result['imbalance_deg']:+.1f}°",
-        f"largest crosstalk seen {result['crosstalk_db']:.1f} dB",
-        f"noise-equivalent RCS {result['noise_equivalent_dbsm']:.1f} dBsm ({result['noise_source']})",
-    ]
-    check = result.get("check")
-    if check:
-        lines.append(
-            f"check in {check['channel']}: {check['rcs_dbsm']:.2f} dBsm, expected {check['expected_dbsm']:.2f}, "
-            f"difference {check['error_db']:+.2f} ± {check['sd_db']:.2f} dB"
-        )
-    return lines

@@ -30,6 +30,7 @@ from polfuse_lab.engine.protocol import Finished, StatusEvent
 from polfuse_lab.rig.examples import OTHER_PLANS, example_plan
 
 QUAD = ("HH", "HV", "VH", "VV")
+NOTES_SHOWN = 4
 
 
 class CollectPage(QWidget):
@@ -39,6 +40,7 @@ class CollectPage(QWidget):
         super().__init__(parent)
         self._bench = bench
         self._finished: Finished | None = None
+        self._notes: list[str] = []
         self._channels: tuple[str, ...] = QUAD
         self.draft = PlanDraft(self)
         self.draft.judged.connect(self._judged)
@@ -190,7 +192,8 @@ class CollectPage(QWidget):
             return
         self.start_button.setEnabled(False)
         self.start_button.setText(self.tr("Starting…"))
-        remembered.remember_rig(self._bench.rig)
+        if self._bench.rig != self._bench.simulated:
+            remembered.remember_rig(self._bench.rig)
         self._bench.begin_collect(verdict.plan, output)
 
     # -- the run ------------------------------------------------------------------------------------------------------
@@ -228,13 +231,16 @@ class CollectPage(QWidget):
             buttons.addWidget(made)
         notes = QHBoxLayout()
         notes.addWidget(self.note, 1)
-        notes.addWidget(button(self.tr("Add note"), self._note))
+        self.note_button = button(self.tr("Add note"), self._note)
+        notes.addWidget(self.note_button)
+        self.noted = dim("")
+        self.noted.hide()
         view = QWidget()
         column = QVBoxLayout(view)
         column.setContentsMargins(0, 0, 0, 0)
         column.addWidget(self.prompts)
         column.addWidget(card(self.doing, self.bar, self.times, self.grid, buttons))
-        column.addWidget(card(heading(self.tr("Notes")), notes))
+        column.addWidget(card(heading(self.tr("Notes")), notes, self.noted))
         column.addWidget(card(heading(self.tr("Warnings")), self.warnings, stretch=1), 1)
         return view
 
@@ -248,13 +254,14 @@ class CollectPage(QWidget):
         positions = verdict.outcome.planned.positions if verdict is not None and verdict.outcome is not None else 0
         self.grid.begin(positions, channels)
         self.warnings.clear()
+        self._tell_notes([])
         self._finished = None
         self.bar.setValue(0)
         self._running(True)
         self._stack.setCurrentIndex(1)
 
     def _running(self, running: bool) -> None:
-        for made in (self.pause_button, self.abort_button, self.note):
+        for made in (self.pause_button, self.abort_button, self.note, self.note_button):
             made.setEnabled(running)
         for made in (self.done_button, self.look_button):
             made.setVisible(not running)
@@ -292,8 +299,15 @@ class CollectPage(QWidget):
 
     def _note(self) -> None:
         if self.note.text().strip():
-            self._bench.engine.note(self.note.text().strip())
+            text = self.note.text().strip()
+            self._bench.engine.note(text)
             self.note.clear()
+            self._tell_notes([*self._notes, f"{time.strftime('%H:%M:%S')}  {text}"])
+
+    def _tell_notes(self, notes: list[str]) -> None:
+        self._notes = notes
+        self.noted.setText("\n".join(notes[-NOTES_SHOWN:]))
+        self.noted.setVisible(bool(notes))
 
     def _ended(self, outcome: Finished) -> None:
         if self._bench.engine.replaying:

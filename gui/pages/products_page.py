@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
 
 from gui.models import background
 from gui.models.cursor import LinkedCursor
+from gui.models.words import place
 from gui.saving import save_view
 from gui.widgets.job_bar import JobBar
 from gui.widgets.layout import button, card, dim, heading, show_place, title
@@ -100,12 +101,14 @@ class ProductsPage(QWidget):
         bench.products_changed.connect(self._again)
         bench.jobs.over.connect(self._over)
         self._mine: set[int] = set()
+        self._written: dict[int, Path] = {}
         self._path: Path | None = None
+        self._known: set[str] = set()
 
     def open(self, path: Path) -> None:
         """Show the pictures of a file."""
         if path != self._path:
-            self._path, self._wanted = path, []
+            self._path, self._wanted, self._known = path, [], set()
         show_place(self.where, path)
         background.run(lambda: picture_names(Products(path)), self._listed, self._bench.error.emit)
 
@@ -143,9 +146,19 @@ class ProductsPage(QWidget):
     def _over(self, job: Job) -> None:
         if id(job) in self._mine and job.state == "done":
             self._bench.products_changed.emit()
+        written = self._written.pop(id(job), None)
+        if written is not None and job.state == "done":
+            self._bench.told.emit(self.tr("{0} is written").format(place(written)), written)
+
+    def _write(self, spec: jobs.JobSpec, path: Path) -> None:
+        self._written[id(self._bench.jobs.submit(spec))] = path
 
     def _listed(self, names: list[tuple[str, str]]) -> None:
         chosen = list(self._wanted)
+        new = [name for name, _ in names if name not in self._known]
+        if self._known and new:
+            chosen = new[:1]  # what has just been made is what one wants to see
+        self._known = {name for name, _ in names}
         self.list.blockSignals(True)
         self.list.clear()
         for name, text in names:
@@ -205,13 +218,13 @@ class ProductsPage(QWidget):
         if self._bench.products is not None:
             name, _ = QFileDialog.getSaveFileName(self, self.tr("Write the report"), "report.html", "HTML (*.html)")
             if name:
-                self._bench.jobs.submit(jobs.report(self._bench.products, Path(name)))
+                self._write(jobs.report(self._bench.products, Path(name)), Path(name))
 
     def _export(self, to: str) -> None:
         if self._bench.products is not None:
             name, _ = QFileDialog.getSaveFileName(self, self.tr("Export as {0}").format(to), f"export{SUFFIXES[to]}")
             if name:
-                self._bench.jobs.submit(jobs.export(self._bench.products, to, Path(name)))
+                self._write(jobs.export(self._bench.products, to, Path(name)), Path(name))
 
 
 def _lines(settings: dict[str, Any], indent: str = "") -> str:

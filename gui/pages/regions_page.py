@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QKeySequence
 from PySide6.QtWidgets import (
     QComboBox,
     QFileDialog,
@@ -22,7 +21,7 @@ from PySide6.QtWidgets import (
 from gui import theme
 from gui.models import background
 from gui.models.regions import Corners, RegionList
-from gui.widgets.layout import button, card, dim, heading, show_place, title
+from gui.widgets.layout import button, card, dim, heading, show_place, title, undo_buttons
 from gui.widgets.picture_view import PictureView, Quantity
 from gui.workbench import Workbench
 from polfuse_lab.errors import PolfuseError
@@ -32,6 +31,8 @@ from polfuse_lab.products.store import Products
 
 BACKGROUNDS = ("polarimetry.pauli", "fusion.classes", "fusion.dolp_on_ground", "fusion.s0_on_ground")
 FEATURE_DIGITS = 3
+NEVER = 1e-6
+"""Smaller bounds of an error say nothing about any region that could be drawn."""
 
 
 class RegionsPage(QWidget):
@@ -64,13 +65,7 @@ class RegionsPage(QWidget):
         self.pairs.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.pairs.verticalHeader().hide()
         self.words = dim("")
-        undo = self.regions.undo
-        undo_button = button(self.tr("Undo"), undo.undo, key=_key(QKeySequence.StandardKey.Undo))
-        redo_button = button(self.tr("Redo"), undo.redo, key=_key(QKeySequence.StandardKey.Redo))
-        undo.canUndoChanged.connect(undo_button.setEnabled)
-        undo.canRedoChanged.connect(redo_button.setEnabled)
-        undo_button.setEnabled(False)
-        redo_button.setEnabled(False)
+        undo_button, redo_button = undo_buttons(self.regions.undo, self.tr("Undo"), self.tr("Redo"))
         tools = QHBoxLayout()
         self.new_button = button(self.tr("New region"), self.draw, self.tr("In the middle of what is shown"), "primary")
         for made in (
@@ -213,7 +208,7 @@ class RegionsPage(QWidget):
                 names,
                 f"{distance['pauli']:.2f}",
                 f"{distance['pauli_dolp']:.2f}",
-                f"{bounds.lower:.2g} – {bounds.upper:.2g}",
+                f"{bounds.lower:.2g} – {bounds.upper:.2g}" if bounds.upper > NEVER else f"< {NEVER:g}",
             )
             for column, text in enumerate(cells):
                 self.pairs.setItem(row, column, _fixed(text))
@@ -248,7 +243,3 @@ def _fixed(text: str) -> QTableWidgetItem:
     item = QTableWidgetItem(text)
     item.setFlags(Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable)
     return item
-
-
-def _key(standard: QKeySequence.StandardKey) -> str:
-    return QKeySequence(standard).toString()

@@ -109,6 +109,7 @@ class SetupPage(QWidget):
     def _radar_part(self) -> QWidget:
         self.beat, self.sync = LevelMeter("beat"), LevelMeter("sync", loud=True)
         self.signal_words = dim("")
+        self.signal_words.hide()
         self.channel = QComboBox()
         self.channel.addItems(("HH", "HV", "VH", "VV"))
         self.channel.setToolTip(self.tr("Channel of the transfer switches, transmit then receive"))
@@ -281,7 +282,9 @@ class SetupPage(QWidget):
         if levels is not None:
             self.beat.show_level(levels.values["beat_peak"], levels.values["beat_rms"])
             self.sync.show_level(levels.values["sync_peak"], levels.values["sync_rms"])
-            self.signal_words.setText(f"{levels.values['what']} {levels.values['mend']}".strip())
+            words = f"{levels.values['what']} {levels.values['mend']}".strip()
+            self.signal_words.setText(words)
+            self.signal_words.setVisible(bool(words))
         scope = live.newest("scope")
         if scope is not None:
             self.scope.show_signals(scope.arrays["t_s"], scope.arrays["beat"], scope.arrays["sync"])

@@ -6,7 +6,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QCoreApplication, Qt
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QLabel, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
 
 import polfuse_lab.demo
@@ -91,6 +91,7 @@ class StartPage(QWidget):
     def _simulated(self, rig: Path) -> None:
         self.try_button.setEnabled(True)
         self.try_button.setText(self.tr("Try it with a simulated rig"))
+        self._bench.simulated = rig
         self._bench.use_rig(rig)
         self._bench.page_wanted.emit("setup")
 
@@ -176,7 +177,8 @@ def _fill(view: QListWidget, found: list[remembered.Recent], nothing: str) -> No
         item.setData(Qt.ItemDataRole.UserRole, str(recent.path) if recent.exists else None)
         if not recent.exists:
             item.setFlags(Qt.ItemFlag.NoItemFlags)
-            item.setText(f"{recent.name}\n{place(Path(recent.path).parent)}   not there any more")
+            gone = QCoreApplication.translate("StartPage", "not there any more")
+            item.setText(f"{recent.name}\n{place(Path(recent.path).parent)}   {gone}")
         view.addItem(item)
     if not found:
         item = QListWidgetItem(nothing)

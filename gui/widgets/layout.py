@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtGui import QKeySequence, QShortcut, QUndoStack
 from PySide6.QtWidgets import QFrame, QLabel, QLayout, QPushButton, QVBoxLayout, QWidget
 
 from gui.models.words import place
@@ -63,6 +63,18 @@ def button(text: str, clicked: Callable[[], object], tip: str = "", role: str = 
         made.setToolTip(tip)
     made.setCursor(Qt.CursorShape.PointingHandCursor)
     return made
+
+
+def undo_buttons(stack: QUndoStack, undo: str, redo: str) -> tuple[QPushButton, QPushButton]:
+    """Undo and redo of a stack of changes, with the usual keys; ``undo`` and ``redo`` are their texts."""
+    standard = QKeySequence.StandardKey
+    back = button(undo, stack.undo, key=QKeySequence(standard.Undo).toString())
+    forth = button(redo, stack.redo, key=QKeySequence(standard.Redo).toString())
+    stack.canUndoChanged.connect(back.setEnabled)
+    stack.canRedoChanged.connect(forth.setEnabled)
+    back.setEnabled(stack.canUndo())
+    forth.setEnabled(stack.canRedo())
+    return back, forth
 
 
 def _label(text: str, role: str) -> QLabel:

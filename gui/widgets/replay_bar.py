@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QDoubleSpinBox, QFrame, QHBoxLayout, QLabel, QProgressBar, QWidget
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QDoubleSpinBox, QFrame, QHBoxLayout, QLabel, QSlider, QWidget
 
 from gui.models.words import duration
 from gui.widgets.layout import button
@@ -19,15 +19,20 @@ class ReplayBar(QFrame):
     pause_wanted = Signal(bool)
     """True: stand still; False: go on."""
     stop_wanted = Signal()
+    seek_wanted = Signal(int, int)
+    """The step that is wanted, and the one that is shown."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setProperty("role", "card")
         self.pause_button = button(self.tr("Pause"), self._pause, key="Space")
         self.pause_button.setCheckable(True)
-        self.line = QProgressBar()
-        self.line.setTextVisible(False)
+        self._shown = 0
+        self.line = QSlider(Qt.Orientation.Horizontal)
         self.line.setAccessibleName(self.tr("time line"))
+        self.line.setToolTip(self.tr("Drag it, or click beside it, to see another moment"))
+        self.line.setTracking(False)  # a moment is gone to when it is let go
+        self.line.valueChanged.connect(self._sought)
         self.words = QLabel()
         self.speed = QDoubleSpinBox()
         self.speed.setRange(SLOWEST, FASTEST)
@@ -51,16 +56,29 @@ class ReplayBar(QFrame):
         self.speed.blockSignals(False)
         self.pause_button.setChecked(False)
         self.pause_button.setText(self.tr("Pause"))
-        self.line.setValue(0)
+        self._follow(0)
         self.words.setText("")
         self.show()
 
     def show_status(self, status: StatusEvent) -> None:
         """How far it is."""
+        self.line.blockSignals(True)
         self.line.setMaximum(max(status.steps, 1))
-        self.line.setValue(status.step)
+        self.line.setPageStep(max(status.steps // 20, 1))
+        self.line.blockSignals(False)
+        if not self.line.isSliderDown():
+            self._follow(status.step)
         where = self.tr("position {0} of {1}").format(max(status.position + 1, 0), status.positions)
         self.words.setText(f"{where}   {duration(status.elapsed_s)}")
+
+    def _follow(self, step: int) -> None:
+        self._shown = step
+        self.line.blockSignals(True)
+        self.line.setValue(step)
+        self.line.blockSignals(False)
+
+    def _sought(self, step: int) -> None:
+        self.seek_wanted.emit(step, self._shown)
 
     def _pause(self) -> None:
         paused = self.pause_button.isChecked()

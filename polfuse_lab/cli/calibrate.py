@@ -71,7 +71,7 @@ def calibrate(
     also: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="KIND@X,Y[@EDGE]",
+            metavar="KIND@X,Y[@EDGE[@HEIGHT]]",
             help="A further target in the image: dihedral (fold upright), dihedral_45, trihedral or plate.",
         ),
     ] = None,

@@ -84,18 +84,21 @@ def spec(
 
 
 def further(text: str, edge_m: float, height_m: float, angle_sd_deg: float) -> TargetSpec:
-    """A further target in the image, ``KIND@X,Y`` or ``KIND@X,Y@EDGE``. Raises :class:`typer.BadParameter`."""
+    """A further target in the image, ``KIND@X,Y[@EDGE[@HEIGHT]]``. Raises :class:`typer.BadParameter`."""
     kind, _, rest = text.partition("@")
-    where, _, edge = rest.partition("@")
+    where, _, rest = rest.partition("@")
+    edge, _, height = rest.partition("@")
     if kind not in KINDS:
         raise typer.BadParameter(f"{kind!r} is none of {', '.join(KINDS)}", param_hint="--also")
     try:
         size = float(edge) if edge else edge_m
     except ValueError:
         raise typer.BadParameter(f"the edge {edge!r} is not a number in metres", param_hint="--also") from None
-    return spec(
-        kind, place(where, "--also"), size, height_m=height_m, angle_sd_deg=angle_sd_deg, name=text.partition("@")[0]
-    )
+    try:
+        high = float(height) if height else height_m
+    except ValueError:
+        raise typer.BadParameter(f"the height {height!r} is not a number in metres", param_hint="--also") from None
+    return spec(kind, place(where, "--also"), size, height_m=high, angle_sd_deg=angle_sd_deg, name=kind)
 
 
 def told(view: TargetView) -> str:

@@ -193,6 +193,10 @@ class ReplayClient(EngineClient):
         """Play so many times as fast as recorded from now on."""
         self._send(protocol.SetSpeed(speed))
 
+    def seek(self, step: int) -> None:
+        """Play fast until a step of the plan, as the status counts them; earlier ones need a new replay."""
+        self._send(protocol.Seek(step))
+
 
 def _plan_text(plan: Path | str | Plan) -> tuple[str, str]:
     """Name and text of a plan's file. Raises :class:`PolfuseError` where the plan is wrong."""

@@ -114,6 +114,12 @@ class SetSpeed(msgspec.Struct, frozen=True, tag=True):
     speed: float
 
 
+class Seek(msgspec.Struct, frozen=True, tag=True):
+    """Replay fast until this step of the plan, then on as before."""
+
+    step: int
+
+
 class Ping(msgspec.Struct, frozen=True, tag=True):
     """The client lives."""
 
@@ -122,7 +128,7 @@ class Detach(msgspec.Struct, frozen=True, tag=True):
     """The client leaves; the run goes on."""
 
 
-ClientMessage = Attach | Abort | Pause | Resume | AddNote | Answer | Watch | SetSpeed | Ping | Detach
+ClientMessage = Attach | Abort | Pause | Resume | AddNote | Answer | Watch | SetSpeed | Seek | Ping | Detach
 
 
 class Prompt(msgspec.Struct, frozen=True):

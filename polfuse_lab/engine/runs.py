@@ -159,7 +159,7 @@ def run_replay(directory: Path, request: protocol.Request) -> None:
             player.clock.speed = speed
 
         played = _Played(player)
-        server = Server(directory, request, played, live, on_watch=feed.start, on_speed=faster)
+        server = Server(directory, request, played, live, on_watch=feed.start, on_speed=faster, on_seek=player.seek)
         signal.signal(signal.SIGTERM, lambda *_: played.control.abort("stopped by the system (SIGTERM)"))
         server.start()
         announce(directory, request, server, rig, plan)

@@ -47,6 +47,7 @@ class Server(ClientServer):
         live: makes the preview in the status.
         on_watch: called when a client reads the live streams.
         on_speed: called when a client wants a replay faster or slower; a collect cannot.
+        on_seek: called when a client wants to see a later step of a replay.
     """
 
     def __init__(
@@ -58,9 +59,11 @@ class Server(ClientServer):
         *,
         on_watch: Callable[[], None] = lambda: None,
         on_speed: Callable[[float], None] | None = None,
+        on_seek: Callable[[int], None] | None = None,
     ) -> None:
         super().__init__(directory, request)
-        self._run, self._live, self._on_watch, self._on_speed = run, live, on_watch, on_speed
+        self._run, self._live, self._on_watch = run, live, on_watch
+        self._on_speed, self._on_seek = on_speed, on_seek
 
     def finish(self, outcome: Outcome) -> None:
         """Tell the outcome, wait until every client has left (a few seconds at most), and end."""
@@ -93,6 +96,10 @@ class Server(ClientServer):
                 if not speed > 0:
                     return f"a speed of {speed:g} is not above 0"
                 self._on_speed(speed)
+            case protocol.Seek(step):
+                if self._on_seek is None:
+                    return "a collect has no later steps yet"
+                self._on_seek(step)
         return None
 
     def _states(self) -> dict[bytes, Any]:

@@ -8,6 +8,9 @@ import time
 
 FASTEST = math.inf
 """Speed of a replay that waits for nothing."""
+HURRY = 50.0
+"""How many times as fast as recorded a replay goes to a place that is sought, where it is not faster anyway. Not
+:data:`FASTEST`: whoever watches is to be shown all records on the way, since an image is made of all of them."""
 
 
 class ReplayClock:
@@ -23,6 +26,7 @@ class ReplayClock:
         self._lock = threading.Lock()
         self._speed = speed
         self._paused = False
+        self._hurried = False
         self._at_ns = start_ns
         self._since = time.monotonic()
 
@@ -42,7 +46,7 @@ class ReplayClock:
     @property
     def waits(self) -> bool:
         """Whether time is something to wait for at present."""
-        return self._paused or math.isfinite(self._speed)
+        return math.isfinite(self._pace)
 
     @property
     def paused(self) -> bool:
@@ -61,6 +65,18 @@ class ReplayClock:
             self._settle()
             self._paused = False
 
+    def hurry(self) -> None:
+        """Go fast, paused or not, until :meth:`calm`. Idempotent."""
+        with self._lock:
+            self._settle()
+            self._hurried = True
+
+    def calm(self) -> None:
+        """Go on at the speed that was chosen, or stand still again where it is paused. Idempotent."""
+        with self._lock:
+            self._settle()
+            self._hurried = False
+
     def now_ns(self) -> int:
         """The present time of the recording, ns."""
         with self._lock:
@@ -70,9 +86,9 @@ class ReplayClock:
         """Whether a time has come. At :data:`FASTEST` it comes by being asked for."""
         with self._lock:
             now = self._settle()
-            if self._paused:
+            if self._pace == 0:
                 return False
-            if math.isinf(self._speed):
+            if math.isinf(self._pace):
                 self._at_ns = max(now, at_ns)
                 return True
             return now >= at_ns
@@ -81,12 +97,19 @@ class ReplayClock:
         """Move the clock on to a time, unless that has passed or the clock is paused."""
         with self._lock:
             now = self._settle()
-            if not self._paused:
+            if self._pace > 0:
                 self._at_ns = max(now, at_ns)
+
+    @property
+    def _pace(self) -> float:
+        """How many times as fast as recorded it goes at present."""
+        if self._hurried:
+            return max(self._speed, HURRY)
+        return 0.0 if self._paused else self._speed
 
     def _settle(self) -> int:
         now = time.monotonic()
-        if not self._paused and math.isfinite(self._speed):
-            self._at_ns += round((now - self._since) * self._speed * 1e9)
+        if math.isfinite(self._pace):
+            self._at_ns += round((now - self._since) * self._pace * 1e9)
         self._since = now
         return self._at_ns

@@ -91,6 +91,7 @@ class Player:
             self.clock = ReplayClock(self._tape.start_ns, speed)
             """Its ``pause``, ``resume`` and ``speed`` are a player's knobs."""
             self._steps: tuple[Step, ...] = self._session.steps
+            self._sought = 0
             self._control = ReplayControl(self._tape, self.clock, self._answer_prompts)
             inner: Recorder = NoCopy(target) if output is None else WriterProcess(target)
             self._scheduler = Scheduler(
@@ -130,6 +131,16 @@ class Player:
         """Stop; what has been played is kept in the copy."""
         self._control.abort(reason)
 
+    def seek(self, step: int) -> None:
+        """Go on fast to a step of the plan (counted as in :attr:`RunStatus.step`), then at the chosen speed, or pause.
+
+        Everything on the way is played, since what is shown at a step is made of all that came before; a step that has
+        been played already is reached by a new player only.
+        """
+        self._sought = step
+        if self.status().step < step:
+            self.clock.hurry()
+
     def status(self) -> RunStatus:
         """The present status, as in a collect."""
         return self._scheduler.status()
@@ -148,6 +159,8 @@ class Player:
     def _on_change(self) -> None:
         """Pause where the recording was paused, and go on at once."""
         status, incident = self._scheduler.status(), self._tape.incident
+        if status.step >= self._sought:
+            self.clock.calm()
         if status.state is RunState.PAUSED and self._control.pausing:
             if self._tape.played_out and not self._tape.finished:
                 self._control.abort(self._session.reason)  # it ended in this pause

@@ -33,7 +33,7 @@ def describe(step: Step) -> str:
         case Settle(seconds):
             return f"settling {seconds:g} s"
         case RecordSweeps(sweeps, _, channel):
-            return f"recording {sweeps} sweeps in {channel.name}"
+            return f"recording {sweeps} {'sweep' if sweeps == 1 else 'sweeps'} in {channel.name}"
         case RecordSeconds(seconds, _, channel):
             return f"recording {seconds:g} s in {channel.name}"
         case RecordPass():

@@ -12,6 +12,7 @@ from gui.models import targets
 from gui.models.targets import Looked, Stated, TargetList
 from gui.pages.calibrate_page import CalibratePage
 from gui.workbench import Workbench
+from polfuse_lab.cli import calibration_options as options
 from polfuse_lab.products.store import Products
 from processing.calibration.rcs import square_trihedral_rcs
 
@@ -106,7 +107,29 @@ def test_targets_are_found_and_marked_or_refused_with_reasons(qtbot, page: Calib
     assert len(page._marks.points()) == 4
     page.list.setCurrentRow(3)
     qtbot.mouseClick(page.remove_button, Qt.MouseButton.LeftButton)
-    assert [one.stated.kind for one in page.targets.targets] == ["trihedral", "dihedral", "dihedral_45"]
+    stated = [one.stated for one in page.targets.targets]
+    assert [one.kind for one in stated] == ["trihedral", "dihedral", "dihedral_45"]
+    # Everything can be taken back, and what was found is not looked for again.
+    for count in (4, 3, 2, 1, 0):
+        page.targets.undo.undo()
+        assert len(page.targets.targets) == count
+    assert not page.targets.undo.canUndo()
+    assert not page.calibrate_button.isEnabled()
+    while page.targets.undo.canRedo():
+        page.targets.undo.redo()
+    assert [one.stated for one in page.targets.targets] == stated
+    assert not any(one.waiting for one in page.targets.targets)
+    assert page.calibrate_button.isEnabled()
+
+
+def test_a_further_target_has_a_height_of_its_own(qtbot, page: CalibratePage) -> None:
+    state(qtbot, page, "constant", "trihedral", TRIHEDRAL)
+    page.height_m.setValue(0.25)
+    state(qtbot, page, "crosstalk", "dihedral", DIHEDRAL)
+    (text,) = (str(word).partition("=")[2] for word in page.targets.job().words if str(word).startswith("--also="))
+    spec = options.further(text, edge_m=9.0, height_m=9.0, angle_sd_deg=0.0)
+    x_m, y_m = page.x_m.value(), page.y_m.value()
+    assert (spec.kind, spec.x_m, spec.y_m, spec.edge_m, spec.height_m) == ("dihedral", x_m, y_m, EDGE_M, 0.25)
 
 
 def test_the_job_takes_the_good_targets_only(qtbot, page: CalibratePage, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PySide6.QtCore import Qt
 
 from gui.models.comparison import Side, differences, side_of
 from gui.pages.compare_page import ComparePage
@@ -99,6 +100,15 @@ def test_the_replay_bar_asks_for_what_is_pressed(qtbot) -> None:
     assert speeds == []  # it has been begun with that
     bar.show_status(demo_status(step=150, steps=600, position=14, elapsed_s=61.0))
     assert bar.line.value() / bar.line.maximum() == 0.25
+    # Dragged with the keyboard or the mouse, it asks for another moment; news of where the replay is do not.
+    sought = []
+    bar.seek_wanted.connect(lambda *steps: sought.append(steps))
+    bar.line.setFocus()
+    qtbot.keyClick(bar.line, Qt.Key.Key_PageUp)
+    qtbot.keyClick(bar.line, Qt.Key.Key_Home)
+    bar.show_status(demo_status(step=10, steps=600, position=1, elapsed_s=2.0))
+    assert sought == [(180, 150), (0, 150)]  # a page is a twentieth
+    bar.show_status(demo_status(step=150, steps=600, position=14, elapsed_s=61.0))
     assert bar.words.text() == "position 15 of 61   1:01"
     bar.speed.setValue(7.5)
     bar.pause_button.click()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -14,7 +15,7 @@ import matplotlib
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QFileDialog, QPushButton
+from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 
 from gui.main_window import MainWindow
 from gui.models.simulator import Simulator
@@ -73,10 +74,15 @@ def press(qtbot, window: MainWindow, key: Qt.Key, held: Qt.KeyboardModifier = Qt
     qtbot.keyClick(window, key, held)
 
 
+@pytest.mark.skipif(
+    shutil.which("Xvfb") is not None and "POLFUSE_UNDER_X" not in os.environ,
+    reason="carried out on an X server, see test_window_under_x.py",
+)
 @pytest.mark.timeout(400)
 def test_from_the_start_page_to_the_report(
-    qtbot, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    qtbot, qapp: QApplication, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    assert qapp.platformName() == os.environ["QT_QPA_PLATFORM"]
     setup, collect = window.page("setup"), window.page("collect")
     session_page, products_page = window.page("session"), window.page("products")
     assert isinstance(setup, SetupPage)
@@ -145,6 +151,9 @@ def test_from_the_start_page_to_the_report(
     click(qtbot, report)
     until(lambda: page.is_file() and not window.bench.jobs.busy)
     assert "</html>" in page.read_text(encoding="utf-8")
+    # It is told, and can be opened from there.
+    until(lambda: window.error_bar.text.endswith("report.html is written"))
+    assert window.error_bar.open_button.isVisible()
 
 
 WINDOW = """

@@ -133,6 +133,32 @@ def test_a_session_is_played_faster_and_watched(watched):
     assert outcome.session is None or not Path(outcome.session).exists()
 
 
+def test_a_later_step_of_a_session_is_sought(watched):
+    finished, last, _, _ = watched
+    # At a twentieth of its speed it would take minutes; the middle is there at once, and then it crawls again.
+    with ReplayClient.play(finished.session, speed=0.05) as client, client.live() as view:
+        status = client.poll(5.0)
+        while status is None or status.steps == 0:
+            status = client.poll(5.0)
+        middle = status.steps // 2
+        client.seek(middle)
+        asked = time.monotonic()
+        while (status := client.poll(0.1) or status).step < middle:
+            assert time.monotonic() - asked < 60
+        reached = status.step
+        # What came before is shown as soon as the live process is; meanwhile the replay does not run away.
+        while view.newest("profile.HH") is None:
+            status = client.poll(0.1) or status
+            assert time.monotonic() - asked < 60
+        assert status.step <= reached + 10 < status.steps
+        client.seek(10**6)
+        while client.finished is None:
+            client.poll(0.02)
+        assert client.finished.state == "finished"
+        item = view.newest("sar")
+    np.testing.assert_array_equal(item.arrays["image"], last["sar"].arrays["image"])
+
+
 def test_a_session_that_is_none_is_not_played(tmp_path):
     (tmp_path / "x.h5").write_bytes(b"nothing")
     with pytest.raises(PolfuseError):
