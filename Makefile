@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 DEMO_OUT ?= demo_out
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help docs setup system system-test gentl demo demo-quick test lint types imports unit producer test-slow clean constraints
+.PHONY: translations help docs setup system system-test gentl demo demo-quick test lint types imports unit producer test-slow clean constraints
 
 help:
 	@echo "make demo        a whole collect on a simulated rig, focused, calibrated, fused: $(DEMO_OUT)/report.html"
@@ -16,6 +16,7 @@ help:
 	@echo "make docs        web pages of docs/ and of every module: build/docs/index.html"
 	@echo "make setup       only the environment"
 	@echo "make gentl       the GenTL producer for GigE Vision cameras, over Aravis: build/gentl/polfuse-aravis.cti"
+	@echo "make translations LANGUAGE=de  the texts of the window for a translator, and what is translated for the window"
 	@echo "make constraints pin the dependencies anew from pyproject.toml (needs uv)"
 
 system:
@@ -80,6 +81,13 @@ test-slow: setup
 constraints:
 	uv pip compile pyproject.toml --extra camera --extra zaber --extra test --extra build --extra docs --universal --python-version 3.11 \
 	  --generate-hashes --no-emit-index-url --no-annotate --no-header -o constraints.txt
+
+# The window's texts for a translator (Qt Linguist opens the file), and what is translated for the window.
+translations: $(BIN)/.ready
+	@test -n "$(LANGUAGE)" || { echo "name the language: make translations LANGUAGE=de"; exit 1; }
+	mkdir -p gui/translations
+	$(BIN)/pyside6-lupdate $$(find gui -name '*.py') -ts gui/translations/polfuse_$(LANGUAGE).ts
+	$(BIN)/pyside6-lrelease gui/translations/polfuse_$(LANGUAGE).ts
 
 clean:
 	rm -rf $(VENV) $(DEMO_OUT) build *.egg-info

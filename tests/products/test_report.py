@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import base64
+import html
 import json
 import math
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import asdict
@@ -184,3 +186,55 @@ def test_the_command(tmp_path: Path, products: Path) -> None:
         [*run, str(tmp_path / "none.h5"), "-o", str(out)], capture_output=True, text=True, timeout=100
     )
     assert (failed.returncode, failed.stdout, failed.stderr.count("\n")) == (1, "", 1)
+
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed (scripts/system-packages test)")
+MEASURE = """<script>window.addEventListener("load", () => {
+  const whole = document.documentElement, pictures = [...document.images];
+  document.body.dataset.measured = JSON.stringify({
+    width: window.innerWidth, needed: whole.scrollWidth,
+    drawn: pictures.filter(picture => picture.complete && picture.naturalWidth > 0).length, pictures: pictures.length,
+    letters: parseFloat(getComputedStyle(document.body).fontSize),
+    links: [...document.links].filter(link => document.querySelector(link.getAttribute("href"))).length,
+    asked: performance.getEntriesByType("resource").filter(entry => !entry.name.startsWith("data:")).length,
+  });
+})</script></body>"""
+
+
+def in_browser(page: Path, *words: str) -> str:
+    """What Chromium says of a page, without a network and with a profile of its own."""
+    profile = f"--user-data-dir={page.parent / 'profile'}"
+    command = [
+        str(CHROMIUM), "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
+        "--hide-scrollbars", "--host-resolver-rules=MAP * ~NOTFOUND", profile, *words, page.as_uri(),
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=90, check=True)
+    return done.stdout
+
+
+@browser
+@pytest.mark.parametrize(("width", "height"), [(1366, 768), (500, 900)])
+def test_a_browser_shows_all_of_it_on_a_screen_and_on_a_phone(
+    page: str, tmp_path: Path, width: int, height: int
+) -> None:
+    copy = tmp_path / "report.html"
+    copy.write_text(page.replace("</body>", MEASURE), encoding="utf-8")
+    shown = in_browser(copy, f"--window-size={width},{height}", "--virtual-time-budget=5000", "--dump-dom")
+    measured = json.loads(html.unescape(re.search(r'data-measured="([^"]*)"', shown)[1]))
+    assert measured["width"] == width
+    assert measured["needed"] <= width, "it has to be moved sideways"
+    assert measured["drawn"] == measured["pictures"] > 0
+    assert measured["links"] == page.count('href="#')
+    assert measured["asked"] == 0
+    assert measured["letters"] >= 16
+
+
+@browser
+def test_a_browser_prints_it(page: str, tmp_path: Path) -> None:
+    copy = tmp_path / "report.html"
+    copy.write_text(page, encoding="utf-8")
+    in_browser(copy, f"--print-to-pdf={tmp_path / 'report.pdf'}", "--no-pdf-header-footer")
+    printed = (tmp_path / "report.pdf").read_bytes()
+    assert printed.startswith(b"%PDF-")
+    assert 1 <= len(re.findall(rb"/Type\s*/Page\b", printed)) <= 6
