@@ -28,6 +28,7 @@ COMMANDS = (
     ("optics", "optics", "optics"),
     ("raytrace", "raytrace", "raytrace"),
     ("fuse", "fuse", "fuse"),
+    ("motion", "motion", "motion"),
     ("export", "export", "export"),
     ("report", "report", "report"),
     ("demo", "demo", "demo"),
