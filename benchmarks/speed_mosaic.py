@@ -7,6 +7,7 @@ writes as many bytes into the same array, through the caches or past them, by as
 
 from __future__ import annotations
 
+import functools
 import os
 import time
 from collections.abc import Callable
@@ -152,8 +153,12 @@ def _write(out: NDArray[np.float32], threads: int, streamed: bool) -> None:
     if threads == 1:
         _fill(numbers, *bands[0], streamed)
         return
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(lambda band: _fill(numbers, *band, streamed), bands))
+    list(_pool(threads).map(lambda band: _fill(numbers, *band, streamed), bands))
+
+
+@functools.cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads)
 
 
 @numba.njit(nogil=True)

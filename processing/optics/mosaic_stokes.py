@@ -6,10 +6,11 @@ For the live view and for whole recordings: no error planes (:func:`processing.o
 
 from __future__ import annotations
 
+import functools
 import math
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -126,10 +127,15 @@ def mosaic_stokes(
         return out
     work = _work(np.ascontiguousarray(image), mosaic, weights, black_level, saturation, out)
     bands = [(rows * band // threads, rows * (band + 1) // threads) for band in range(threads)]
-    with ThreadPoolExecutor(threads) if threads > 1 else nullcontext() as pool:
-        run = map if pool is None else pool.map
-        list(run(lambda band: work(*band), bands))
+    run = map if threads == 1 else _pool(threads, os.getpid()).map
+    list(run(lambda band: work(*band), bands))
     return out
+
+
+@functools.lru_cache(maxsize=4)
+def _pool(threads: int, process: int) -> ThreadPoolExecutor:
+    """Threads that are kept: to begin new ones takes a fifth of the time of a frame. A forked process has its own."""
+    return ThreadPoolExecutor(threads, thread_name_prefix="mosaic")
 
 
 def _aligned(shape: tuple[int, ...]) -> NDArray[np.float32]:
