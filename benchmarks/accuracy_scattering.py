@@ -98,8 +98,8 @@ def sphere_error(radius_m: float) -> Error:
 def wall_error(permittivity: complex | None, depression_deg: float) -> tuple[Error, Error]:
     """HH and VV of two bounces between the ground and a conducting wall upon it.
 
-    By images both ways round fill the wall's height: ``sqrt(4 pi) 2 w h cos(d) / lambda`` times what Fresnel's equations
-    say of the ground at the depression d.
+    By images both ways round fill the wall's height: ``sqrt(4 pi) 2 w h cos(d) / lambda`` times what Fresnel's
+    equations say of the ground at the depression d.
     """
     height, width, d = 8 * WAVELENGTH_M, 10 * WAVELENGTH_M, math.radians(depression_deg)
     reach = 1.3 * height / math.tan(d)

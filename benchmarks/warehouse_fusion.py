@@ -18,11 +18,9 @@ from processing.scene.both_eyes import (
     RadarPicture,
     bodies_from_above,
     optical_picture,
-    radar_picture,
     sunlight,
 )
 from processing.scene.solids import SolidScene
-from processing.scene.warehouse import warehouse
 
 Floats = np.ndarray
 
@@ -48,6 +46,7 @@ class Fused:
     """(ny, nx) class by what stands there; -1 for others."""
     mechanisms: Floats
     """(ny, nx) class by what returns ten times as much as all other mechanisms together; -1 where none does."""
+    grid: ImageGrid
     radar: RadarPicture
     optics: OpticalPicture
 
@@ -55,12 +54,6 @@ class Fused:
 def grid_320x150() -> ImageGrid:
     """The thesis's 48 000 pixels (7.5), 0.2 by 0.28 m."""
     return ImageGrid((np.arange(320) - 159.5) * 0.2, (np.arange(150) - 74.5) * 0.28, 0.0)
-
-
-def look(turn_deg: float, sun: str = "behind the camera", normalization: str = "pixel") -> Fused:
-    """The warehouse with its containers turned, in both eyes."""
-    scene, grid = warehouse(container_turn_rad=math.radians(turn_deg)), grid_320x150()
-    return fuse(scene, grid, radar_picture(scene, grid), sun, normalization)
 
 
 def fuse(scene: SolidScene, grid: ImageGrid, radar: RadarPicture, sun: str, normalization: str = "pixel") -> Fused:
@@ -79,6 +72,7 @@ def fuse(scene: SolidScene, grid: ImageGrid, radar: RadarPicture, sun: str, norm
         features=fused_vector(components, optics.dolp),
         bodies=np.where(above >= 0, kinds[above], -1),
         mechanisms=np.where(radar.powers.max(axis=0) > 10 * rest, strongest, -1),
+        grid=grid,
         radar=radar,
         optics=optics,
     )
@@ -112,10 +106,3 @@ def pair(fused: Fused, truth: Floats, components: tuple[int, ...], first: int = 
     judged = confusion(np.where(flat == second, 1, 0)[both], classifier(samples[both]), 2)
     bounds = bayes_bounds(distance)
     return Pair(distance, *bounds, float(1 - np.mean(judged.producers)), int(both.sum()))
-
-
-def only(fused: Fused, kinds: tuple[str, ...]) -> Floats:
-    """The truth of bodies with the double bounce class of some kinds alone."""
-    above = bodies_from_above(fused.scene, grid_320x150())
-    wanted = np.array([solid.kind in kinds for solid in fused.scene.solids])
-    return np.where((fused.bodies == 1) & ~wanted[above], -1, fused.bodies)

@@ -112,12 +112,15 @@ def radar_picture(
     slant = float(np.linalg.norm(air.platform_m))
     # Hann's window without the zeros at its ends.
     weights = np.hanning(air.pulses + 2)[1:-1]
-    focused = np.stack(
-        [
-            backproject(history_profiles(simulated.histories[name], window="hann"), grid, weights=weights)
-            for name in MECHANISMS
-        ]
-    ).astype(np.complex128) * slant**2
+    focused = (
+        np.stack(
+            [
+                backproject(history_profiles(simulated.histories[name], window="hann"), grid, weights=weights)
+                for name in MECHANISMS
+            ]
+        ).astype(np.complex128)
+        * slant**2
+    )
     # A noise coefficient fills a resolution cell of the ground (Hann broadens each side by half).
     cell = 1.5**2 * _cell_m2(air, slant)
     noise = 10 ** (air.noise_equivalent_db / 10) * cell

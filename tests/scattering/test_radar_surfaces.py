@@ -96,7 +96,7 @@ def test_rough_points_have_the_grounds_powers() -> None:
 
 
 def test_points_of_a_tilted_plane_are_turned() -> None:
-    """A roof that falls to the side has its own horizontal: what is HH there is cross-polarized in the radar's frame."""
+    """A roof that falls to the side has its own horizontal: HH there is in part cross-polarized for the radar."""
     surface = RadarSurface(80 + 0j, 0.0005)
     roof = shapes.plate(5.0).turned(shapes.turn_about((0, 1, 0), math.pi / 4))
     level = shapes.plate(5.0)

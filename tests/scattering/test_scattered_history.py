@@ -65,7 +65,7 @@ def test_a_corner_is_focused_at_its_apex_with_its_rcs() -> None:
     edge = 0.6
     turn = shapes.turn_about((0, 0, 1), -3 * math.pi / 4)
     target = radar_target(shapes.trihedral(edge).turned(turn).moved(MIDDLE), [CONDUCTOR], SWEEP.wavelength_m)
-    track = TRACK[10:23] + [0, 0, 11.21]  # near the corner's axis, at 35.3 degrees
+    track = TRACK[10:23] + np.array([0, 0, 11.21])  # near the corner's axis, at 35.3 degrees
 
     def seen(antenna: np.ndarray):  # type: ignore[no-untyped-def]
         return shoot(target, antenna, MIDDLE, Density(0.05, 4, 3)).contributions

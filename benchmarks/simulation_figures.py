@@ -1,0 +1,121 @@
+"""Draws the pictures of docs/simulation.md: ``python -m benchmarks.simulation_figures docs/simulation``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+
+from benchmarks.warehouse_fusion import CLASSES, SUN_RAD, Fused, fuse, grid_320x150
+from processing.fusion.dolp_relation import agreement_phase, relation
+from processing.polarimetry.pauli import display_components, pauli_vector
+from processing.scene.both_eyes import radar_picture
+from processing.scene.warehouse import warehouse
+
+CLASS_COLOURS = ("#3b6fb6", "#c8443c", "#4b9b4b")
+AXES = ("|HH - VV|", "|HV|", "|HH + VV|", "DOLP")
+
+
+def relation_figure() -> Figure:
+    """What red says in a Pauli picture over DOLP, for all ratios of HH and VV and phases between them."""
+    figure = Figure(figsize=(7.5, 5.0), layout="constrained")
+    axes = figure.subplots()
+    ratio = np.linspace(0, 1, 201)
+    for phase in (0, 45, 90, 135, 180):
+        told = relation(1.0, 0.0, ratio * np.exp(1j * np.radians(phase)))
+        axes.plot(told.exact, told.even_share, label=f"{phase}°")
+    axes.plot([0, 1], [0, 1], "--", color="0.6", label="equal")
+    g = np.linspace(1 / 3, 1, 101)
+    met = relation(1.0, 0.0, g * np.exp(1j * agreement_phase(g)))
+    axes.plot(met.exact, met.even_share, color="0.3", linewidth=3, alpha=0.4, label="where they agree")
+    axes.set_xlabel("DOLP = (1 - g²) / (1 + g²), g = |VV| / |HH|")
+    axes.set_ylabel("share of |HH - VV|² in the Pauli vector")
+    axes.set_title("DOLP knows nothing of the phase between HH and VV")
+    axes.annotate("dihedral", (0.0, 1.0), xytext=(0.06, 0.95))
+    axes.annotate("trihedral, sphere, plate", (0.0, 0.0), xytext=(0.08, 0.015))
+    axes.annotate("dipole", (1.0, 0.5), xytext=(0.9, 0.54))
+    figure.legend(title="phase HH to VV", loc="outside right center")
+    return figure
+
+
+def yard_figure(fused: Fused) -> Figure:
+    """The warehouse: Pauli, S0, DOLP, Pauli over S0 with DOLP as saturation, and both truths."""
+    hh, hv, vh, vv = fused.radar.channels
+    amplitudes = display_components(pauli_vector(hh, (hv + vh) / 2, vv))
+    # -25 to +15 dBsm: the brightest folds would leave the ground black.
+    rgb = np.clip((20 * np.log10(np.maximum(amplitudes, 1e-9)) + 25) / 40, 0, 1).transpose(1, 2, 0)
+    s0 = fused.optics.s0 / np.nanpercentile(fused.optics.s0, 99)
+    dolp = fused.optics.dolp
+    colour = np.nan_to_num(rgb / np.maximum(rgb.max(axis=-1, keepdims=True), 1e-9))
+    grey = np.clip(s0, 0, 1)[..., None]
+    strength = np.clip(dolp / 0.15, 0, 1)[..., None]
+    overlay = np.clip(grey * (1 - strength) + grey * strength * colour, 0, 1)
+    figure = Figure(figsize=(13.5, 10.0), layout="constrained")
+    axes = figure.subplots(3, 2)
+    x, y = fused.grid.x_m, fused.grid.y_m
+    place = {"origin": "lower", "extent": (x[0], x[-1], y[0], y[-1]), "interpolation": "nearest"}
+    titles = (
+        "Radar: |HH - VV|, |HV|, |HH + VV| as red, green, blue", "Camera: S0", "Camera: DOLP",
+        "Pauli colours over S0, DOLP as saturation", "What stands there", "What returns ten times all else",
+    )  # fmt: skip
+    pictures = (rgb, s0, dolp, overlay)
+    for panel, title in zip(axes.flat, titles, strict=True):
+        panel.set_title(title)
+        panel.set_ylabel("y, m")
+    for panel, picture in zip(axes.flat, pictures, strict=False):
+        if picture.ndim == 3:
+            panel.imshow(picture, **place)
+        else:
+            top = 1.0 if picture is s0 else 0.2
+            shown = panel.imshow(picture, vmin=0, vmax=top, cmap="gray" if picture is s0 else "viridis", **place)
+            figure.colorbar(shown, ax=panel, shrink=0.8)
+    for panel, truth in zip(axes.flat[4:], (fused.bodies, fused.mechanisms), strict=True):
+        shown = panel.imshow(
+            np.where(truth < 0, np.nan, truth), vmin=-0.5, vmax=2.5, cmap=ListedColormap(CLASS_COLOURS), **place
+        )
+        bar = figure.colorbar(shown, ax=panel, ticks=range(3), shrink=0.8)
+        bar.set_ticklabels(CLASSES)
+        panel.set_xlabel("x, m")
+    return figure
+
+
+def space_figure(fused: Fused, most: int = 1200) -> Figure:
+    """The classes in the space of Pauli components, and with DOLP in place of |HV| (thesis Figs. 7.21, 7.22)."""
+    figure = Figure(figsize=(12.0, 5.6), layout="constrained")
+    random = np.random.default_rng(0)
+    for column, up in enumerate((1, 3)):
+        axes = figure.add_subplot(1, 2, column + 1, projection="3d")
+        for number, name in enumerate(CLASSES):
+            chosen = np.flatnonzero((fused.bodies == number).ravel() & np.isfinite(fused.features[0]).ravel())
+            chosen = random.choice(chosen, min(most, len(chosen)), replace=False)
+            values = fused.features.reshape(4, -1)[:, chosen]
+            axes.scatter(values[2], values[0], values[up], s=3, color=CLASS_COLOURS[number], label=name)
+        axes.set_xlabel(AXES[2])
+        axes.set_ylabel(AXES[0])
+        axes.set_zlabel(AXES[up])
+        axes.set_box_aspect(None, zoom=0.85)
+        axes.legend(markerscale=4)
+    return figure
+
+
+def main() -> None:
+    """Draw all into a folder."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args().folder
+    folder.mkdir(parents=True, exist_ok=True)
+    scene, grid = warehouse(), grid_320x150()
+    fused = fuse(scene, grid, radar_picture(scene, grid), next(iter(SUN_RAD)))
+    for name, figure in (
+        ("dolp-against-pauli", relation_figure()),
+        ("warehouse", yard_figure(fused)),
+        ("pauli-space", space_figure(fused)),
+    ):
+        figure.savefig(folder / f"{name}.png", dpi=80)
+
+
+if __name__ == "__main__":
+    main()
