@@ -12,6 +12,7 @@ COMMANDS = (
     ("design", "design", "design"),
     ("plan", "plan", "plan"),
     ("doctor", "doctor", "doctor"),
+    ("trade", "trade", "trade"),
     ("sim", "sim", "sim"),
     ("collect", "collect", "collect"),
     ("info", "info", "info"),
