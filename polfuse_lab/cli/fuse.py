@@ -60,6 +60,9 @@ def fuse(
     ] = Normalization.pixel,
     angle_sd_deg: Annotated[float, typer.Option(min=0.0, help="Error of the camera's direction, degrees (sd).")] = 1.0,
     height_sd_m: Annotated[float, typer.Option(min=0.0, help="Height of scatterers above ground, metres (sd).")] = 0.3,
+    refine: Annotated[
+        bool, typer.Option("--refine", help="Correct the registration by what both pictures have in common.")
+    ] = False,
     figure: Annotated[Path | None, typer.Option(help="Picture to draw; beside the products file by default.")] = None,
     json_: Json = False,
     debug: Debug = False,
@@ -86,6 +89,7 @@ def fuse(
         normalization=normalization.value,
         angle_sd_rad=math.radians(angle_sd_deg),
         height_sd_m=height_sd_m,
+        refine=refine,
     )
     figures = draw_all(Products(products), figure or products.with_name(f"{products.stem}_fusion.png"))
     values = {
@@ -101,6 +105,7 @@ def fuse(
         "pixels": made.pixels,
         "iterations": made.iterations,
         "registration_error_px": made.registration_error_px,
+        "registration_shift_px": None if made.shift is None else [made.shift.right_px, made.shift.down_px],
         "notes": list(made.notes),
         "products": made.products,
     }

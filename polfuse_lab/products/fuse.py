@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,6 +28,7 @@ from processing.errors import DataError
 from processing.fusion.anomalies import local_reed_xiaoli, reed_xiaoli
 from processing.fusion.features import FEATURES, fused_vector, normalized_components
 from processing.fusion.registration import GeometryErrors, ground_to_camera, registration_error, sample_bilinear
+from processing.fusion.registration_refine import PictureShift, shift_by_pictures
 from processing.fusion.separability import class_statistics
 from processing.optics.debias import debias
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
@@ -58,6 +59,8 @@ class FuseResult:
     """What could not be done, and why."""
     confusion: dict[str, Any] | None = None
     """Of learnt classes, on pixels that were not learnt from: counts (row true, column told), accuracy, kappa."""
+    shift: PictureShift | None = None
+    """By which the camera's picture was found displaced and corrected; None where it was not."""
 
 
 def fuse(
@@ -73,6 +76,7 @@ def fuse(
     normalization: Literal["pixel", "scene"] = "pixel",
     angle_sd_rad: float = np.radians(1.0),
     height_sd_m: float = 0.3,
+    refine: bool = False,
 ) -> FuseResult:
     """Register camera and radar on the ground, stack the fused vector (thesis 6.12), classify and compare.
 
@@ -93,6 +97,8 @@ def fuse(
         normalization: see :func:`processing.fusion.features.normalized_components`.
         angle_sd_rad: how well the camera's direction is known, rad.
         height_sd_m: how far above the ground scatterers may stand, m.
+        refine: whether registration by geometry is corrected by the mutual information of both pictures, where it tells
+            more of the camera's direction than ``angle_sd_rad`` does.
 
     Raises:
         PolfuseError: stages that are missing, a bad regions file, or too few pixels.
@@ -105,9 +111,23 @@ def fuse(
     x_m, y_m, z_m = polarimetry["x_m"], polarimetry["y_m"], float(settings["z_m"])
 
     u, v = ground_to_camera(camera, x_m, y_m, z_m)
-    s0, dolp = _stokes_on_ground(optics, u, v)
+    notes: list[str] = []
     errors = _geometry_errors(products, settings, angle_sd_rad, height_sd_m)
-    error_px = np.where(np.isfinite(u), registration_error(camera, x_m, y_m, z_m, errors).total, np.nan)
+    budget = registration_error(camera, x_m, y_m, z_m, errors)
+    shift: PictureShift | None = None
+    if refine:
+        seen = np.isfinite(u)
+        # A whole cell: its length is sqrt 12 standard deviations of a place in it.
+        cells = np.sqrt(12) * np.hypot(budget.range_cell, budget.cross_range_cell)[seen]
+        cell_px = float(np.median(cells)) if seen.any() else np.inf
+        shift = _shift(polarimetry["span"], optics["s0"], (u, v), cell_px, camera.focal_length_px * angle_sd_rad, notes)
+    if shift is not None:
+        told = float(np.hypot(max(shift.right_sd_px, shift.down_sd_px), cell_px / np.sqrt(12))) / camera.focal_length_px
+        errors = replace(errors, angle_rad=told)
+        budget = registration_error(camera, x_m, y_m, z_m, errors)
+        u, v = u + shift.right_px, v + shift.down_px
+    s0, dolp = _stokes_on_ground(optics, u, v)
+    error_px = np.where(np.isfinite(u), budget.total, np.nan)
     usable = _above_noise(polarimetry["span"], calibration["noise_equivalent_rcs_m2"], settings, min_snr_db)
     usable &= polarimetry["span"] > 10 ** (-dynamic_range_db / 10) * np.nanmax(polarimetry["span"], initial=0.0)
     components = normalized_components(polarimetry["pauli"], normalization=normalization, usable=usable)
@@ -125,7 +145,6 @@ def fuse(
     found = classify(
         features, classifier, classes=classes, seed=seed, start=start, regions=patches, x_m=x_m, y_m=y_m
     )  # fmt: skip
-    notes: list[str] = []
     labels = found.labels.ravel()
     by_class = statistics({name: samples[labels == k] for k, name in enumerate(found.names)}, notes)
     by_region: dict[str, Group] = statistics(drawn, notes, strict=True)
@@ -140,6 +159,7 @@ def fuse(
         registration_error_px=float(np.median(error_px[fused])),
         notes=tuple(notes),
         confusion=None if found.judged is None else confusion_settings(found.judged, found.names),
+        shift=shift,
     )
     arrays: dict[str, NDArray[Any]] = {
         "features": features.astype(np.float32),
@@ -167,6 +187,7 @@ def fuse(
         "dynamic_range_db": dynamic_range_db,
         "iterations": found.iterations,
         "geometry_errors": vars(errors),
+        "registration_shift_px": None if shift is None else vars(shift),
         "classes": {name: vars(item) for name, item in result.classes.items()},
         "regions": {name: vars(item) for name, item in result.regions.items()},
         "bhattacharyya": {name: item.distance for name, item in result.pairs.items()},
@@ -186,6 +207,38 @@ def _stokes_on_ground(optics: Mapping[str, NDArray[Any]], u: Floats, v: Floats) 
     with np.errstate(divide="ignore", invalid="ignore"):
         # Behind angles that are spread evenly, S1 and S2 have twice the variance of S0.
         return s0, debias(np.hypot(s1, s2), 2 * sd**2) / s0
+
+
+def _shift(
+    span_m2: NDArray[Any],
+    s0: NDArray[Any],
+    at: tuple[Floats, Floats],
+    cell_px: float,
+    known_px: float,
+    notes: list[str],
+) -> PictureShift | None:
+    """Displacement of the camera's picture, if both pictures tell it better than ``known_px``.
+
+    They do not where the radar's cell, as long as the camera sees it (``cell_px``), is longer than that: the best shift
+    follows single bright cells then.
+    """
+    if not cell_px < known_px:
+        notes.append(
+            f"registration by geometry alone: the radar's cell spans {cell_px:.1f} px of the camera's picture, whose "
+            f"direction is known to {known_px:.1f} px already"
+        )
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        level_db = np.where(span_m2 > 0, 10 * np.log10(span_m2), np.nan)
+    try:
+        shift = shift_by_pictures(level_db, s0, *at, largest_px=max(3 * known_px, 6.0), step_px=max(known_px / 3, 1.0))
+    except DataError as error:
+        notes.append(f"registration by geometry alone: {error}")
+        return None
+    if not max(shift.right_sd_px, shift.down_sd_px) < known_px:
+        notes.append("registration by geometry alone: both pictures have too little in common")
+        return None
+    return shift
 
 
 def _geometry_errors(

@@ -182,7 +182,7 @@ class _Likeness:
         """(blocks,) parts of it from each part of the ground."""
         _, each, inside = self._each(right, down)
         sums = np.bincount(self._block[inside], weights=each[inside], minlength=_BLOCKS**2)
-        return np.asarray(sums / max(np.count_nonzero(inside), 1))
+        return np.asarray(sums / max(int(np.count_nonzero(inside)), 1))
 
     def _each(self, right: float, down: float) -> tuple[float, Floats, NDArray[np.bool_]]:
         seen = sample_bilinear(self._camera, self._column + right, self._row + down)

@@ -156,7 +156,7 @@ def _swept(images: Floats, matrix: Floats, longest_px: float) -> Mask:
         return np.zeros(found.shape, dtype=np.bool_)
     sums = ndimage.sum_labels(error_image(images, matrix) * found, labels, np.arange(1, count + 1))
     points = np.argwhere(found & (labels == 1 + int(np.argmax(sums))))
-    every = np.stack(np.mgrid[0 : found.shape[0], 0 : found.shape[1]], axis=-1).reshape(-1, 2)
+    every = np.indices(found.shape).reshape(2, -1).T
     try:
         hull = spatial.Delaunay(points[spatial.ConvexHull(points).vertices])
     except spatial.QhullError:
@@ -245,7 +245,7 @@ def refined_displacement(light: ArrayLike, matrix: Floats, displacement_px: Arra
     share = (sizes / max(float(sizes.max()), 1e-12))[:, None, None]
 
     def moved(by: Floats, fields: Floats) -> Floats:
-        return fields + np.stack([share * by[0], share * by[1]], axis=1)
+        return np.asarray(fields + np.stack([share * by[0], share * by[1]], axis=1))
 
     def left(by: Floats) -> float:
         error = error_image(read_along(part, moved(by, near)), matrix)[inside]

@@ -87,7 +87,7 @@ def _saddles(picture: Floats) -> Floats:
         u = u + np.clip((xy * dy - 2 * yy * dx) / safe, -1, 1)
         v = v + np.clip((xy * dx - 2 * xx * dy) / safe, -1, 1)
     near = np.hypot(u - places[:, 1], v - places[:, 0]) < 2
-    return np.stack([u, v], axis=1)[sound & near]
+    return np.asarray(np.stack([u, v], axis=1)[sound & near], dtype=np.float64)
 
 
 def _lattice(corners: Floats, rows: int, columns: int) -> Floats | None:

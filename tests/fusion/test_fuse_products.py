@@ -46,6 +46,14 @@ def at(plane: np.ndarray, x: float, y: float) -> np.ndarray:
     return plane[..., int(np.argmin(np.abs(GRID.y_m - y))), int(np.argmin(np.abs(GRID.x_m - x)))]
 
 
+def test_cells_too_long_for_a_refined_registration_are_told(products: Path) -> None:
+    made = fuse(products, refine=True)
+    assert made.shift is None
+    assert Products(products).settings("fusion")["registration_shift_px"] is None
+    # 80 MHz at a grazing angle: a cell is longer in the picture than the camera's direction is uncertain.
+    assert any("radar's cell spans" in note for note in made.notes)
+
+
 def test_both_pictures_meet_at_the_targets(products: Path) -> None:
     fuse(products)
     stage = Products(products).read("fusion")
