@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
     QListWidget,
     QListWidgetItem,
     QPlainTextEdit,
+    QSizePolicy,
     QSplitter,
     QVBoxLayout,
     QWidget,
@@ -31,7 +32,7 @@ from polfuse_lab.jobs import Job
 from polfuse_lab.products.pictures import Picture, load_picture, picture_names
 from polfuse_lab.products.store import Products
 
-LEAST_PX = 90
+LEAST_PX = 60
 SIGNS = {True: "✓", False: "✕", None: "…"}
 
 
@@ -130,8 +131,19 @@ class CalibratePage(QWidget):
         buttons.addStretch(1)
         buttons.addWidget(self.calibrate_button)
         lists = QSplitter(Qt.Orientation.Vertical)
-        lists.addWidget(card(self.list, buttons, stretch=0))
-        lists.addWidget(card(heading(self.tr("Outcome")), self.outcome, stretch=1))
+        # As tall as there is room; as tall as lists would like to be, the page would not fit a small screen.
+        lists.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
+        lists.setMinimumHeight(5 * LEAST_PX)
+        for parts in ((self.list, buttons), (heading(self.tr("Outcome")), self.outcome)):
+            half = QWidget()
+            column = QVBoxLayout(half)
+            column.setContentsMargins(0, 4, 0, 4)
+            for part in parts:
+                if isinstance(part, QWidget):
+                    column.addWidget(part, int(part in (self.list, self.outcome)))
+                else:
+                    column.addLayout(part)
+            lists.addWidget(half)
         return card(
             heading(self.tr("A target")),
             dim(self.tr("Click where it stands in the picture, say what it is, then look for it.")),

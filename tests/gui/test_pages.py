@@ -35,13 +35,15 @@ def test_every_page_is_reached_by_the_keyboard(qtbot, window: MainWindow) -> Non
         assert window.current == name
 
 
-def test_it_fits_a_small_laptop(window: MainWindow) -> None:
+def test_it_fits_a_small_laptop(window: MainWindow, qapp: QApplication) -> None:
     window.resize(1366, 768)
     for name in window.names:
         window.show_page(name)
         page = window.page(name)
         assert page.minimumSizeHint().width() <= 1366 - 150, name
-        assert page.minimumSizeHint().height() <= 768, name
+        qapp.processEvents()
+        # What is left of the height by the strip below; a page that needs more would have to be scrolled.
+        assert page.height() <= 768 - window.strip.height(), name
 
 
 def test_a_plan_is_judged_while_it_is_written(qtbot, window: MainWindow, tmp_path: Path) -> None:
