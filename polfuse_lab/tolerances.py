@@ -7,6 +7,8 @@ stay below any noise; what is estimated from noisy or missing samples cannot.
 
 from __future__ import annotations
 
+import math
+
 from polfuse_lab.errors import PolfuseError
 
 NAMES = ("preview", "field", "paper")
@@ -32,3 +34,21 @@ def tolerance_db(name: str, kind: str = "focus") -> float:
         allowed = ", ".join(NAMES)
         raise PolfuseError(f"there is no tolerance {name!r}", where="tolerance", advice=f"choose from {allowed}")
     return TOLERANCES_DB[kind][name]
+
+
+def as_db(text: str, kind: str = "focus") -> float:
+    """A tolerance as users write it: a name, or a negative number of dB.
+
+    Raises:
+        PolfuseError: neither.
+    """
+    try:
+        number = float(text)
+    except ValueError:
+        return tolerance_db(text, kind)
+    if not (number < 0 and math.isfinite(number)):
+        allowed = ", ".join(NAMES)
+        raise PolfuseError(
+            f"{text} dB is no error below the result", where="tolerance", advice=f"give a negative number, or {allowed}"
+        )
+    return number

@@ -75,6 +75,11 @@ def decompose(
         str | None,
         typer.Option(help="signature: FROM_X,TO_X,FROM_Y,TO_Y, m (columns and rows of imported images); all of it."),
     ] = None,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(help="Chooses the window: largest error that speckle may leave, dB, or preview, field, paper."),
+    ] = None,
+    explain: Annotated[bool, typer.Option("--explain", help="Tell why this window; with --tolerance.")] = False,
     json_: Json = False,
     debug: Debug = False,
 ) -> None:
@@ -86,6 +91,7 @@ def decompose(
     from polfuse_lab.products import decompose as stage
     from polfuse_lab.products.figures_decompose import draw_all
     from polfuse_lab.products.store import Products
+    from polfuse_lab.tolerances import as_db
 
     made = stage.decompose(
         products,
@@ -97,6 +103,7 @@ def decompose(
         speckle_filter=filter_ and filter_.value,
         filter_looks=filter_looks,
         region=place,
+        tolerance_db=None if tolerance is None else as_db(tolerance, "estimate"),
     )
     beside = products.parent if output is None else output
     figures = draw_all(Products(products), made.stage, beside / f"{products.stem}_{made.stage.split('_', 1)[1]}.png")
@@ -108,6 +115,7 @@ def decompose(
         "stage": made.stage,
         "window": made.window,
         "note": made.note,
+        "explanation": list(made.explanation),
         "products": made.products,
     }
     lines = [f"{'plane':<18}{'median':>12}{'min':>12}{'max':>12}"]
@@ -115,6 +123,7 @@ def decompose(
         shown = ("–" if number is None else f"{number:.4g}" for number in numbers.values())
         lines.append(f"{name:<18}" + "".join(f"{text:>12}" for text in shown))
     lines += [f"note: {made.note}"] if made.note else []
+    lines += made.explanation if explain else []
     lines += [f"figure:   {path}" for path in figures]
     lines += [f"planes:   {output} ({len(made.files)} files)"] if made.files else []
     result(values, as_json=json_, text="\n".join([*lines, f"products: {made.products}"]))

@@ -31,6 +31,9 @@ def focus(
         ),
     ] = "auto",
     tolerance_db: Annotated[float, typer.Option(help="Largest error of the method, dB below the image.")] = -50.0,
+    tolerance: Annotated[
+        str | None, typer.Option(help="The same by name: preview (-30 dB), field (-50 dB), paper (-80 dB).")
+    ] = None,
     window: Annotated[
         str | None,
         typer.Option(help="Over the ramp: hann, taylor or rectangular; default hann (phase histories: taylor)."),
@@ -103,6 +106,10 @@ def focus(
     for value, option in ((window, "--window"), (aperture, "--aperture")):
         if value is not None:
             _one_of(value, WINDOWS, option)
+    if tolerance is not None:
+        from polfuse_lab.tolerances import as_db
+
+        tolerance_db = as_db(tolerance, "focus")
     if not tolerance_db < 0:
         raise typer.BadParameter("an error below the image is a negative number of dB", param_hint="--tolerance-db")
     extents = None if x is None else _pair(x, "--x"), None if y is None else _pair(y, "--y")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from processing.polarimetry.entropy_bias import entropy_bias
 from processing.polarimetry.matrices import covariance_of_coherency, matrix_of_planes, total_power
 from processing.polarimetry.pauli import equivalent_dolp
 from processing.polarimetry.signatures import kennaugh_of_coherency
+from processing.polarimetry.window_planner import WindowChoice, choose_window
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,8 @@ class DecomposeResult:
     """Written to the folder."""
     note: str
     """What a reader of the numbers should know, or empty."""
+    explanation: tuple[str, ...] = ()
+    """Why this window, where a tolerance chose it."""
 
 
 def _span(image: PolarimetricImage, options: Options) -> Named:
@@ -144,6 +148,7 @@ def decompose(
     speckle_filter: str | None = None,
     filter_looks: float | None = None,
     region: Region | None = None,
+    tolerance_db: float | None = None,
 ) -> DecomposeResult:
     """Decompose the image of stage "matrices" or "calibration".
 
@@ -162,11 +167,13 @@ def decompose(
         filter_looks: looks of the image before the filter; None: 1 of scattering matrices, else estimated.
         region: of the method "signature": first and last x, first and last y, m (columns and rows of an imported
             image); None: the whole image.
+        tolerance_db: largest error that speckle may leave in the averaged matrices, dB; chooses the boxcar's window.
 
     Raises:
         PolfuseError: an unknown method or filter, a window or filter for a method that takes none, stages or channels
             that are missing, an empty region, or a folder that cannot be written.
-        DataError: a window that the filter cannot have, or looks that cannot be estimated.
+        DataError: a window that the filter cannot have, looks that cannot be estimated, or a tolerance that is no
+            negative number.
     """
     if method not in METHODS:
         raise PolfuseError(
@@ -193,6 +200,17 @@ def decompose(
     products = Products(products_path)
     image = polarimetric_image(products)
     chosen = speckle_filter or "boxcar"
+    choice: WindowChoice | None = None
+    if tolerance_db is not None:
+        if window is not None or chosen != "boxcar" or known.coherent or method == "signature":
+            raise PolfuseError(
+                "a tolerance chooses the window of the boxcar average",
+                where="decompose",
+                advice="leave --window and --filter out, and take a method that averages",
+            )
+        before = looks_before(image, Options(filter_looks=filter_looks))
+        choice = choose_window(image.coherency(), tolerance_db, looks=before)
+        width = choice.window
     options = Options(width, model, float(width**2 if looks is None else looks), chosen, filter_looks, region)
     if chosen != "boxcar" and width > 1:
         options = replace(options, filter_looks=looks_before(image, options))
@@ -211,6 +229,7 @@ def decompose(
         **({"model": model} if method == "yamaguchi" else {}),
         **({"looks": options.looks} if method == "h-a-alpha" else {}),
         **({"classes": list(coherent.CLASSES)} if method == "cameron" else {}),
+        **({} if choice is None else _told(choice, tolerance_db)),
         **answer.settings,
     }
     units = {name: unit for name in found if (unit := _unit(name))}
@@ -224,7 +243,17 @@ def decompose(
         planes={name: _statistics(plane) for name, plane in found.items()},
         files=files,
         note=answer.note or _note(method, found, options),
+        explanation=() if choice is None else tuple(choice.explain()),
     )
+
+
+def _told(choice: WindowChoice, tolerance_db: float | None) -> dict[str, Any]:
+    """The choice and what it foretells, for the product."""
+    return {
+        "tolerance_db": tolerance_db,
+        "predicted_error_db": choice.predicted_error_db,
+        "reason": choice.reason,
+    }
 
 
 def _unit(name: str) -> str:

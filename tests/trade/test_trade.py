@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from benchmarks.__main__ import names
 from polfuse_lab.cli import build
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.tolerances import NAMES, TOLERANCES_DB, tolerance_db
+from polfuse_lab.tolerances import NAMES, TOLERANCES_DB, as_db, tolerance_db
 from polfuse_lab.trade import Row, pareto, settle, trade
 from polfuse_lab.trade.focusing import SIZES, Points, planned
 from polfuse_lab.trade.knobs import KNOBS
@@ -60,6 +60,11 @@ def test_names_of_tolerances() -> None:
     assert tolerance_db("paper") == -80.0
     with pytest.raises(PolfuseError, match="preview, field, paper"):
         tolerance_db("perfect")
+    assert as_db("paper", "estimate") == TOLERANCES_DB["estimate"]["paper"]
+    assert as_db("-37.5") == -37.5
+    for bad in ("0", "12", "nan", "-inf", "nearly"):
+        with pytest.raises(PolfuseError, match="paper"):
+            as_db(bad)
 
 
 def test_every_knob_is_measured_somewhere() -> None:
