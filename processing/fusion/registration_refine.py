@@ -1,16 +1,14 @@
 """Geometric registration, corrected by what both pictures show.
 
 Two ways, both a shift of the camera's picture (a camera that is turned by a small angle shifts its picture, but for
-second- order terms):
+second-order terms):
 
 - :func:`shift_by_points`: corner reflectors, whose places the radar tells to a small part of its cell, at the pixels
-where
-  the camera shows them. It is as good as their number and contrast, and is told in pixels.
+  where the camera shows them. It is as good as their number and contrast, and is told in pixels.
 - :func:`shift_by_pictures`: the shift at which the mutual information of both pictures on the ground is largest (Viola
-and
-  Wells 1997), or that of their channel features of oriented gradients (CFOG, Ye et al. 2019, IEEE TGRS 57(11) 9059).
-  Both sensors see different things, so that nothing but statistics is common; it needs a scene with structure, and
-  cannot be better than the radar's cell seen by the camera.
+  and Wells 1997), or that of their channel features of oriented gradients (CFOG, Ye et al. 2019, IEEE TGRS 57(11)
+  9059). Both sensors see different things, so that nothing but statistics is common; it needs a scene with structure,
+  and cannot be better than the radar's cell seen by the camera.
 """
 
 from __future__ import annotations
