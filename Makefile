@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 DEMO_OUT ?= demo_out
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: translations help docs setup system system-test gentl demo demo-quick test lint types imports unit producer test-slow clean constraints
+.PHONY: translations help docs setup system system-test gentl demo demo-quick test lint types imports unit checks producer test-slow clean constraints
 
 help:
 	@echo "make demo        a whole collect on a simulated rig, focused, calibrated, fused: $(DEMO_OUT)/report.html"
@@ -28,12 +28,16 @@ system-test:
 gentl:
 	@sh scripts/build-gentl
 
-$(BIN)/.ready: pyproject.toml constraints.txt
+$(BIN)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' || \
 	  { echo "PolFuse Lab needs Python 3.11 to 3.13; name one with 'make PYTHON=python3.11 ...'"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --require-hashes -r constraints.txt
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+# Compiles the numerics.
+$(BIN)/.ready: $(BIN)/.installed
 	$(BIN)/python -m polfuse_lab.warm_up
 	@touch $@
 
@@ -45,16 +49,21 @@ demo: setup
 demo-quick: setup
 	$(BIN)/polfuse demo --out $(DEMO_OUT) --quick
 
-test: system-test $(BIN)/.ready lint types imports unit
+# Numerics are compiled and the producer is built while the sources are checked.
+test: system-test $(BIN)/.installed
+	+@$(MAKE) --no-print-directory -j 2 --output-sync=target $(BIN)/.ready producer checks
+	+@$(MAKE) --no-print-directory unit
 
-lint: $(BIN)/.ready
+checks: lint types imports
+
+lint: $(BIN)/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-types: $(BIN)/.ready
+types: $(BIN)/.installed
 	$(BIN)/mypy
 
-imports: $(BIN)/.ready
+imports: $(BIN)/.installed
 	$(BIN)/lint-imports
 
 # The numerics fill both cores; after them come the tests that talk to devices in real time, which mostly wait. These can

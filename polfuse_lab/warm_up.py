@@ -5,6 +5,9 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -56,6 +59,12 @@ from processing.scattering.target import radar_target
 
 def warm_up() -> None:
     """Run every compiled kernel on a few numbers, with the types that the program uses."""
+    for part in PARTS:
+        part()
+
+
+def _focusing() -> None:
+    """Images of all methods, and the beat signal."""
     antenna_m = np.zeros((16, 3))
     antenna_m[:, 0] = (np.arange(16) - 7.5) * 0.05
     profiles = RangeProfiles(
@@ -80,6 +89,9 @@ def warm_up() -> None:
     factorized(many, ImageGrid(np.linspace(-1.0, 1.0, 64), np.linspace(4.0, 8.0, 64), -1.0))
     beat_along_track(np.full(4, 2.4e9), np.zeros(4), antenna_m[:4], [[0.0, 5.0, 0.0]], [1.0])
 
+
+def _optics() -> None:
+    """Frames and what is made of them, reflectors, classes and tracks."""
     angles = np.radians([0.0, 45.0, 90.0, 135.0])
     series = PolarizerSeries(
         angles_rad=tuple(angles), frames=(1, 1, 1, 1), angle_sd_rad=(0.0,) * 4, noise=SensorNoise(1.0, 1.0)
@@ -97,18 +109,15 @@ def warm_up() -> None:
     local_reed_xiaoli(np.arange(24.0).reshape(1, 4, 6), guard=0, reach=2)
     best_path(np.ones((4, 8)), np.array([-1.0, 0.0, 1.0]))
 
+
+def _rays() -> None:
+    """Pictures of a corner, and its echoes: rays, their sum, a phase history of footprints and points."""
     mirrors = world(dihedral(1.0), [Fresnel(1.5, 0.2)], [Sun((0.0, 1.0, 1.0))])
     view = View((0.0, 3.0, 3.0), (0.0, 0.5, 0.5), 4, 4, 0.3)
     backward(mirrors, view, samples=1)
     forward(mirrors, view, rays=2)
     lit_points(mirrors, 0, rays=2)
 
-    _polarimetry()
-    _scattering()
-
-
-def _scattering() -> None:
-    """A corner's echoes: rays, their sum, and a phase history of footprints and points."""
     surfaces = [RadarSurface(5 - 0.2j, 0.001)]
     target = radar_target(dihedral(0.5), surfaces, 0.125)
     antenna_m = np.array([0.0, 5.0, 5.0])
@@ -136,5 +145,18 @@ def _polarimetry() -> None:
     cfar(planes[0], false_alarm=1e-2, looks=4.0, ring=ring, kind="os")
 
 
+PARTS = (_focusing, _rays, _polarimetry, _optics)
+"""What is compiled apart, so that two processes can share it; the longest first."""
+
+
+def main() -> None:
+    """:func:`warm_up` by two processes where there are two cores."""
+    if (os.cpu_count() or 1) < 2:
+        return warm_up()
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for done in [pool.submit(part) for part in PARTS]:
+            done.result()
+
+
 if __name__ == "__main__":
-    warm_up()
+    main()
