@@ -54,6 +54,7 @@ from polfuse_lab.rig.toml_model import parse_model
 from polfuse_lab.session.layout import SessionConfig
 from polfuse_lab.session.recovery import recover
 from polfuse_lab.session.writer import SessionWriter
+from polfuse_lab.simulation.scene_file import SolidSceneFile
 
 _IN_MEMORY_S = 1e-4
 """Time-out of a driver whose device answers at once or never."""
@@ -297,10 +298,11 @@ def _files(folder: Path) -> Iterator[Target]:
     yield Target("WAV file", wav, (_wav(),), (PolfuseError,), 5)
     for name, model, paths in (
         ("rig file", Rig, [_EXAMPLES / "rig.toml", _EXAMPLES / "rig_by_hand.toml"]),
-        ("scene file", SceneFile, sorted(_SCENES.glob("*.toml"))),
+        ("scene file", SceneFile, [_SCENES / "field.toml"]),
+        ("scene file of bodies", SolidSceneFile, [_SCENES / "yard.toml"]),
     ):
         seeds = tuple(path.read_bytes() for path in paths)
-        yield Target(name, _toml(model), seeds, (PolfuseError,), 200 if model is SceneFile else 50)
+        yield Target(name, _toml(model), seeds, (PolfuseError,), 50 if model is Rig else 200)
     plans = tuple(path.read_bytes() for path in sorted(_EXAMPLES.glob("*.toml")) if not path.name.startswith("rig"))
     yield Target("plan file", _plan, plans, (PolfuseError,), 50)
 

@@ -28,6 +28,7 @@ COMMANDS = (
     ("detect", "detect", "detect"),
     ("optics", "optics", "optics"),
     ("raytrace", "raytrace", "raytrace"),
+    ("simulate", "simulate", "simulate"),
     ("fuse", "fuse", "fuse"),
     ("motion", "motion", "motion"),
     ("export", "export", "export"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +62,20 @@ def write_calibration(
         inputs=[products.path, *others],
         units={"scattering": "sqrt(m^2)", "noise_equivalent_rcs_m2": "m^2", "x_m": "m", "y_m": "m"},
     )
-    by_name = dict(zip(focused.channels, scattering, strict=True))
+    write_polarimetry(products, dict(zip(focused.channels, scattering, strict=True)), axes, focused.z_m)
+
+
+def write_polarimetry(
+    products: Products, by_name: Mapping[str, Complexes], axes: Mapping[str, Floats], z_m: float
+) -> None:
+    """Write the stage "polarimetry" of an image; nothing without HH, VV and a cross-polarized channel.
+
+    Args:
+        products: the file, which holds the stage that the image is from.
+        by_name: (ny, nx) sqrt(m^2) of each channel.
+        axes: ``x_m`` (nx,) and ``y_m`` (ny,).
+        z_m: height of the ground.
+    """
     crosses = [by_name[name] for name in ("HV", "VH") if name in by_name]
     if not {"HH", "VV"} <= set(by_name) or not crosses:
         return
@@ -70,7 +84,7 @@ def write_calibration(
         "polarimetry",
         {"pauli": k.astype(np.complex64), "span": span(k).astype(np.float32), **axes},
         settings={
-            "z_m": focused.z_m,
+            "z_m": z_m,
             "components": ["odd bounce", "even bounce", "cross-polarized"],
             "from": "complex amplitudes",
             "cross_channels": len(crosses),

@@ -28,7 +28,7 @@ class PolarimetricImage:
     """(4, rows, columns) complex64 HH, HV, VH, VV of S2; else (9, rows, columns) float32, see
     :data:`processing.polarimetry.matrices.PLANES`."""
     axes: dict[str, NDArray[Any]]
-    """``x_m`` (columns,) and ``y_m`` (rows,) of an image on the ground; empty for foreign ones."""
+    """``x_m`` (columns,) and ``y_m`` (rows,) of an image on the ground; empty for foreign ones without a place."""
     where: str
     """The file, for messages."""
 
@@ -68,8 +68,9 @@ def polarimetric_image(products: Products) -> PolarimetricImage:
     """
     where = str(products.path)
     if "matrices" in products.stages():
-        planes = products.read("matrices")["planes"]
-        return PolarimetricImage("matrices", str(products.settings("matrices")["matrix"]), planes, {}, where)
+        arrays, matrix = products.read("matrices"), str(products.settings("matrices")["matrix"])
+        axes: dict[str, NDArray[Any]] = {name: arrays[name] for name in ("x_m", "y_m") if name in arrays}
+        return PolarimetricImage("matrices", matrix, arrays["planes"], axes, where)
     arrays = products.read("calibration")
     by_name = dict(zip(products.settings("calibration")["channels"], arrays["scattering"], strict=True))
     # One cross-polarized channel is enough for a monostatic radar: the other is the same by reciprocity.

@@ -41,6 +41,7 @@ MADE_BY = {
     "matrices": "polfuse import DIR -o PRODUCTS.h5 --as polsarpro",
     "optics": "polfuse optics SESSION.h5 -o PRODUCTS.h5",
     "raytrace": "polfuse raytrace SCENE.toml -o PRODUCTS.h5",
+    "simulation": "polfuse simulate SCENE.toml -o PRODUCTS.h5",
     "active_optics": "polfuse optics SESSION.h5 -o PRODUCTS.h5",
     "flat": "polfuse optics SESSION.h5 -o PRODUCTS.h5 --as flat",
     "linearity": "polfuse optics SESSION.h5 -o PRODUCTS.h5 --as linearity",

@@ -24,7 +24,7 @@ def read_mesh(path: Path | str) -> Triangles:
     if path.suffix.lower() not in SUFFIXES:
         raise PolfuseError(f"is no mesh that can be read ('{path.suffix}')", where=str(path), advice="give OBJ or PLY")
     if not path.is_file():
-        raise PolfuseError("there is no such mesh", where=str(path), advice="check the name in the scene's [[body]]")
+        raise PolfuseError("there is no such mesh", where=str(path), advice="check the name in the scene file")
     try:
         import trimesh
     except ImportError as error:

@@ -82,6 +82,9 @@ class OpticalPicture:
 
     s0: Floats
     """(ny, nx), of a white surface that faces the sun."""
+    s1: Floats
+    """(ny, nx), as ``s0``, in the camera's frame (x horizontal)."""
+    s2: Floats
     dolp: Floats
     """(ny, nx), with shot noise, its bias taken off."""
     dolp_sd: Floats
@@ -96,10 +99,20 @@ def radar_picture(
     how: Airborne | None = None,
     *,
     density: Density | None = None,
+    points_per_m2: float = 20.0,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> RadarPicture:
     """Simulate the radar and focus its echoes by back-projection, with Hann's window in range and along the track.
+
+    Args:
+        scene: bodies.
+        grid: the pixels.
+        how: flight and radar; the thesis's by default.
+        density: of rays.
+        points_per_m2: scatterers of rough ground.
+        seed: of rough ground and noise.
+        progress: called with the fraction done.
 
     Raises:
         DataError: a scene or grid that cannot be simulated.
@@ -107,7 +120,7 @@ def radar_picture(
     air = how or Airborne()
     track = straight_track(air.platform_m, air.track_m, air.pulses)
     sweep = Sweep(air.centre_hz, air.bandwidth_hz, air.frequencies)
-    look = RadarLook(track, (0.0, 0.0, 0.0), sweep, density or Density(0.15, 2, 3), seed=seed)
+    look = RadarLook(track, (0.0, 0.0, 0.0), sweep, density or Density(0.15, 2, 3), points_per_m2, seed=seed)
     simulated = simulate_radar(scene, look, progress=progress)
     slant = float(np.linalg.norm(air.platform_m))
     # Hann's window without the zeros at its ends.
@@ -161,8 +174,18 @@ def optical_picture(
     *,
     samples: int = 1000,
     seed: int = 0,
+    progress: Callable[[float], None] | None = None,
 ) -> OpticalPicture:
     """Trace the camera's picture, add shot noise, and read it at the ground grid's pixels.
+
+    Args:
+        scene: bodies.
+        grid: the pixels.
+        lights: such as :func:`sunlight`.
+        how: flight and camera; the thesis's by default.
+        samples: rays for each of the camera's pixels.
+        seed: of rays and noise.
+        progress: called with the fraction done.
 
     Raises:
         DataError: a scene without light, or a grid off the ground plane z = 0.
@@ -175,7 +198,7 @@ def optical_picture(
     high = 2 * math.ceil((float(np.abs(grid.y_m).max()) * math.cos(air.look_rad) / pixel) + 3)
     focal = air.focal_length_m / air.pixel_pitch_m
     view = View(air.platform_m, (0.0, 0.0, 0.0), wide, high, 2 * math.atan(wide / 2 / focal))
-    picture = backward(scene.world(lights), view, samples=samples, leave_out=False, seed=seed)
+    picture = backward(scene.world(lights), view, samples=samples, leave_out=False, seed=seed, progress=progress)
     # Full scale is a white surface (radiance 1 / pi) that faces the sun, half of it behind each polarizer.
     per_unit = 2 * air.electrons * air.frames * math.pi
     counts = np.maximum(picture.stokes[..., 0], 0) * per_unit
@@ -193,7 +216,15 @@ def optical_picture(
         variance = np.maximum(s0, 0) / per_unit
         dolp = debias(np.hypot(s1, s2), variance) / s0
         spread = np.sqrt(variance) / s0
-    return OpticalPicture(s0 * math.pi, np.where(s0 > 0, dolp, np.nan), np.where(s0 > 0, spread, np.nan), picture)
+    lit = s0 > 0
+    return OpticalPicture(
+        s0=s0 * math.pi,
+        s1=s1 * math.pi,
+        s2=s2 * math.pi,
+        dolp=np.where(lit, dolp, np.nan),
+        dolp_sd=np.where(lit, spread, np.nan),
+        picture=picture,
+    )
 
 
 def bodies_from_above(scene: SolidScene, grid: ImageGrid) -> NDArray[np.int64]:

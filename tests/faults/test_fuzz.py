@@ -32,6 +32,7 @@ NAMES = (
     "WAV file",
     "rig file",
     "scene file",
+    "scene file of bodies",
     "plan file",
     "session file (recover)",
 )
