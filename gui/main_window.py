@@ -30,6 +30,8 @@ from gui.pages.settings_page import SettingsPage
 from gui.pages.setup_page import SetupPage
 from gui.pages.start_page import StartPage
 from gui.widgets.error_bar import ErrorBar
+from gui.widgets.keys_panel import Group, KeysPanel, keys_of
+from gui.widgets.layout import button
 from gui.widgets.status_strip import StatusStrip
 from gui.workbench import Workbench
 from polfuse_lab import remembered
@@ -57,6 +59,7 @@ class MainWindow(QMainWindow):
         self.navigation.setAccessibleName(self.tr("pages"))
         self._pages = QStackedWidget()
         self._names: list[str] = []
+        self._shortcuts: list[QShortcut] = []
         self.settings_page = SettingsPage()
         self.start_page = StartPage(self.bench)
         for name, text, page in (
@@ -80,7 +83,12 @@ class MainWindow(QMainWindow):
         row = QHBoxLayout()
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(0)
-        row.addWidget(self.navigation)
+        self.keys_button = button(self.tr("Keys"), self._keys, self.tr("Which keys do what"), key="F1")
+        left = QVBoxLayout()
+        left.setContentsMargins(0, 0, 0, 4)
+        left.addWidget(self.navigation, 1)
+        left.addWidget(self.keys_button)
+        row.addLayout(left)
         row.addLayout(middle, 1)
         whole = QWidget()
         column = QVBoxLayout(whole)
@@ -89,6 +97,7 @@ class MainWindow(QMainWindow):
         column.addLayout(row, 1)
         column.addWidget(self.strip)
         self.setCentralWidget(whole)
+        self.keys_panel = KeysPanel(self._pages, whole)
         self.navigation.currentRowChanged.connect(self._turn)
         self.bench.page_wanted.connect(self.show_page)
         self.bench.error.connect(self.error_bar.tell)
@@ -122,6 +131,16 @@ class MainWindow(QMainWindow):
         """Turn to a page."""
         self.navigation.setCurrentRow(self._names.index(name))
 
+    def keys(self) -> list[Group]:
+        """Which keys do what: everywhere, then on each page that has keys of its own, in the pages' order."""
+        everywhere = [*keys_of(self._shortcuts), *keys_of(self.keys_button.findChildren(QShortcut))]
+        groups: list[Group] = [(self.tr("Everywhere"), everywhere)]
+        for number, name in enumerate(self._names):
+            here = keys_of(self.page(name).findChildren(QShortcut))
+            if here:
+                groups.append((self.navigation.item(number).text(), here))
+        return groups
+
     def open(self, path: Path) -> None:
         """Begin with a rig, a session or a products file."""
         if path.suffix == ".toml":
@@ -153,6 +172,14 @@ class MainWindow(QMainWindow):
         self.navigation.addItem(item)
         shortcut = QShortcut(QKeySequence(f"Ctrl+{number}"), self)
         shortcut.activated.connect(lambda: self.show_page(name))
+        shortcut.setWhatsThis(text)
+        self._shortcuts.append(shortcut)
+
+    def _keys(self) -> None:
+        if self.keys_panel.isVisible():
+            self.keys_panel.hide()
+        else:
+            self.keys_panel.show_keys(self.keys())
 
     def _turn(self, row: int) -> None:
         before = self.page(self.current)

@@ -42,6 +42,7 @@ class PromptBar(QFrame):
             shortcut.setContext(Qt.ShortcutContext.WindowShortcut)
             shortcut.setAutoRepeat(False)
             shortcut.activated.connect(self._confirm)
+            shortcut.setWhatsThis(self.tr("What was asked is done"))
             self._shortcuts.append(shortcut)
         self.show_prompts([])
 
