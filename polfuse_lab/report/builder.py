@@ -52,7 +52,8 @@ def report(
     page = _template().render(
         title=title or _title(products),
         lead=_lead(products),
-        css=Markup(files(__package__).joinpath("page.css").read_text(encoding="utf-8")),
+        css=_part("page.css"),
+        script=_part("page.js"),
         numbers=stage_numbers(products) if numbers is None else numbers,
         tables=calibration_tables(products),
         checks=checks,
@@ -83,6 +84,10 @@ def _lead(products: Products) -> str:
     stages = products.stages()
     newest = max(products.provenance(name)["time_utc"] for name in stages)
     return f"{products.path.name}, stages {', '.join(stages)}; last changed {newest.replace('T', ' ')}."
+
+
+def _part(name: str) -> Markup:
+    return Markup(files(__package__).joinpath(name).read_text(encoding="utf-8"))
 
 
 def _template() -> Any:

@@ -93,7 +93,9 @@ def test_pictures_are_whole(page: str) -> None:
 
 
 def test_texts_are_escaped(page: str) -> None:
-    assert "<script>" not in page
+    assert page.count("<script>") == 1  # the page's own; the settings hold another, which is text
+    assert "<script>alert" not in page
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
     assert "Against &lt;the&gt; scene &amp; its truth." in page
     assert "<title>Light: field &amp; co</title>" in page
 
@@ -190,7 +192,7 @@ def test_the_command(tmp_path: Path, products: Path) -> None:
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed (scripts/system-packages test)")
-MEASURE = """<script>window.addEventListener("load", () => {
+MEASURE = """<script>window.addEventListener("load", async () => {
   const whole = document.documentElement, pictures = [...document.images];
   document.body.dataset.measured = JSON.stringify({
     width: window.innerWidth, needed: whole.scrollWidth,
@@ -199,6 +201,29 @@ MEASURE = """<script>window.addEventListener("load", () => {
     links: [...document.links].filter(link => document.querySelector(link.getAttribute("href"))).length,
     asked: performance.getEntriesByType("resource").filter(entry => !entry.name.startsWith("data:")).length,
   });
+  const press = (key, on) => on.dispatchEvent(new KeyboardEvent("keydown", {key, bubbles: true, cancelable: true}));
+  const number = () => pictures.findIndex(picture => picture.src === document.querySelector("#viewer img").src);
+  const [first] = pictures, used = {shown: []};
+  first.click();
+  const viewer = document.querySelector("#viewer");
+  used.open = viewer.open;
+  for (const key of ["ArrowRight", "Home", "ArrowLeft"]) { press(key, viewer); used.shown.push(number()); }
+  await document.querySelector("#viewer img").decode();
+  const box = document.querySelector("#viewer img").getBoundingClientRect();
+  used.fits = box.right <= window.innerWidth && box.bottom <= window.innerHeight && box.width > 0;
+  [...viewer.querySelectorAll("button")].at(-1).click();
+  used.closed = !viewer.open;
+  const table = document.querySelector("table.checks"), head = table.tHead.rows[0].cells[1];
+  used.orders = [0, 1, 2].map(() => {
+    head.click();
+    return [head.ariaSort, ...[...table.tBodies[0].rows].map(row => row.cells[1].textContent.trim())];
+  });
+  const page = document.documentElement, button = document.querySelector("#theme");
+  const look = () => [page.dataset.theme, getComputedStyle(document.body).backgroundColor];
+  used.looks = [look()];
+  for (const _ of [1, 2, 3]) { button.click(); used.looks.push(look()); }
+  used.system = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+  document.body.dataset.used = JSON.stringify(used);
 })</script></body>"""
 
 
@@ -228,6 +253,22 @@ def test_a_browser_shows_all_of_it_on_a_screen_and_on_a_phone(
     assert measured["links"] == page.count('href="#')
     assert measured["asked"] == 0
     assert measured["letters"] >= 16
+    used = json.loads(html.unescape(re.search(r'data-used="([^"]*)"', shown)[1]))
+    assert used["open"]
+    assert used["closed"]
+    last = measured["pictures"] - 1
+    assert used["shown"] == [1, 0, last]  # to the next, to the first, and before that is the last
+    assert used["fits"]
+    # As numbers, not as words: 0, 0.980 and 24.1; the other way round; as written.
+    assert used["orders"] == [
+        ["ascending", "0", "0.980", "24.1"],
+        ["descending", "24.1", "0.980", "0"],
+        [None, "24.1", "0", "0.980"],
+    ]
+    system, light, dark, again = used["looks"]
+    assert (light[0], dark[0]) == ("light", "dark")
+    assert light[1] != dark[1]
+    assert system == again == (light if used["system"] == "light" else dark)
 
 
 @browser
