@@ -6,13 +6,14 @@ BIN := $(VENV)/bin
 DEMO_OUT ?= demo_out
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: translations help docs setup system system-test gentl demo demo-quick test lint types imports unit checks producer test-slow clean constraints
+.PHONY: translations help docs setup system system-test gentl demo demo-quick test lint types imports unit checks producer test-slow peers clean constraints
 
 help:
 	@echo "make demo        a whole collect on a simulated rig, focused, calibrated, fused: $(DEMO_OUT)/report.html"
 	@echo "make demo-quick  the same with fewer positions (under 40 s)"
 	@echo "make test        lint, types, import rules and all tests"
 	@echo "make test-slow   losses of many seconds, clock drift and the like"
+	@echo "make peers       every comparison with other people's programs, as one table (those that are installed)"
 	@echo "make docs        web pages of docs/ and of every module: build/docs/index.html"
 	@echo "make setup       only the environment"
 	@echo "make gentl       the GenTL producer for GigE Vision cameras, over Aravis: build/gentl/polfuse-aravis.cti"
@@ -86,6 +87,10 @@ docs: $(BIN)/.ready
 # Tests that take long: clock drift, losses of many seconds.
 test-slow: setup
 	$(BIN)/pytest -m slow
+
+# Programs that are missing are told, not compared; QUICK=--quick takes a short version of each.
+peers: setup
+	$(BIN)/python -m benchmarks --peers $(QUICK)
 
 constraints:
 	uv pip compile pyproject.toml --extra camera --extra zaber --extra test --extra build --extra docs --universal --python-version 3.11 \

@@ -10,6 +10,7 @@ import sys
 from dataclasses import asdict
 
 import benchmarks
+from benchmarks.peers import PEERS, table
 from benchmarks.rows import Row
 
 GROUPS = ("speed", "accuracy", "reliability")
@@ -41,13 +42,18 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(names())}; all if left out")
     parser.add_argument("--quick", action="store_true", help="a short version of each")
+    parser.add_argument(
+        "--peers", action="store_true", help="those that compare with programs of others, and one table of these"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout")
     given = parser.parse_args(arguments)
     unknown = sorted(set(given.names) - set(names()))
     if unknown:
         parser.error(f"no benchmark is called {', '.join(unknown)}; there are {', '.join(names())}")
+    if given.peers and given.names:
+        parser.error("--peers chooses the benchmarks itself: leave the names out")
     rows: list[Row] = []
-    for name in given.names or names():
+    for name in PEERS if given.peers else given.names or names():
         print(f"{name} ...", file=sys.stderr, flush=True)
         for row in run(name, quick=given.quick):
             rows.append(row)
@@ -55,6 +61,8 @@ def main(arguments: list[str] | None = None) -> int:
                 print(_line(row), flush=True)
     if given.json:
         print(json.dumps({"rows": [asdict(row) for row in rows]}))
+    elif given.peers:
+        print(table(rows))
     return 0 if all(row.ok for row in rows) else 1
 
 

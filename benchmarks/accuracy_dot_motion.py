@@ -48,7 +48,20 @@ def run(quick: bool) -> list[Row]:
                       f"{errors.max():.1f} dB down; {100 * undefined.mean():.0f} % undefined",
                 peer_error=None if peer is None else f"{words['tv_l1']}: {peer:.1f} dB in the middle")
         )  # fmt: skip
+    rows.append(_beside_flow(ways, peer))
     return rows
+
+
+def _beside_flow(ways: dict[str, list[tuple[float, float, float]]], peer: float | None) -> Row:
+    """What the pictures alone give beside a dense optical flow, which leaves the scene to brightness that stays."""
+    name = "scikit-image's TV-L1 flow"
+    if peer is None:
+        return Row("dot_motion.flow", name, None, True, "not compared: scikit-image is not installed")
+    own = float(np.median([gain for gain, _, _ in ways["pictures"]]))
+    return Row(
+        "dot_motion.flow", name, None, own > peer, "DOLP's error falls by more than the peer's, in the middle scene",
+        error=f"{own:.1f} dB down", peer_error=f"{peer:.1f} dB down",
+    )  # fmt: skip
 
 
 def _scene(seed: int) -> dict[str, tuple[float, float, float]]:

@@ -52,14 +52,15 @@ def _filters(shape: tuple[int, int]) -> list[Row]:
     }
     measured = {name: _measure(work(), truth, edge) for name, work in filters.items()}
     peers: dict[str, tuple[float, float, float, float]] = {}
+    missing = ""
     try:
         from polsartools.preprocess.filters import process_chunk_boxcar, process_chunk_rfl
 
         peers["boxcar"] = _measure(np.asarray(process_chunk_boxcar(list(t), 7)), truth, edge)
         peers["refined_lee"] = _measure(np.asarray(process_chunk_rfl(list(t), 7)), truth, edge)
-    except ImportError:
-        pass
-    rows = []
+    except ImportError as error:
+        missing = f"not compared: {error}"
+    rows = [Row("speckle.filters", "polsartools", None, True, missing)] if missing else []
     for name, found in measured.items():
         against = peers.get(name)
         # The best of the other filters is what a slower one has to beat.
