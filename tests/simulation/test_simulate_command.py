@@ -43,7 +43,7 @@ noise_equivalent_db = -60.0
 [camera]
 focal_length_m = 0.1
 pixel_pitch_m = 18e-6
-samples = 40
+samples = 10
 
 [grid]
 width_m = 12.0
@@ -173,7 +173,7 @@ def test_coarse_simulations_are_told(tmp_path: Path) -> None:
     # Two pulses 160 m apart repeat the scene every 0.03 x 1414 / 320 = 0.13 m.
     scene = tmp_path / "scene.toml"
     coarse = SCENE.replace("pulses = 128", "pulses = 2").replace("cell_m = 0.3", "cell_m = 3.0\nlevels = 0")
-    scene.write_text(coarse.replace("step_y_m = 0.2", "step_y_m = 1.0").replace("samples = 40", "samples = 1"))
+    scene.write_text(coarse.replace("step_y_m = 0.2", "step_y_m = 1.0").replace("samples = 10", "samples = 1"))
     code, out, err = run(scene, "-o", tmp_path / "out.h5")
     assert code == 0, err
     for said in ("every 0.132 m along the track", "grid.step_y_m", "not modelled", "bounce 4 at"):
