@@ -63,7 +63,8 @@ def predict_focus(
         DataError: wrong method or tolerance.
     """
     from processing.sar.focus_costs import cores, machine_scale
-    from processing.sar.planner import choose, explain
+    from processing.sar.planner import choose
+    from processing.sar.planner_words import explain
 
     if not isinstance(session, Session):
         with open_session(session) as opened:

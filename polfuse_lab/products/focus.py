@@ -36,7 +36,8 @@ from processing.radar.profiles import RangeProfiles
 from processing.sar.aperture import alias_free_angle_rad
 from processing.sar.footprint import ImageFlag, footprint_flags
 from processing.sar.grid import Grid, ImageGrid
-from processing.sar.planner import choose, explain
+from processing.sar.planner import choose
+from processing.sar.planner_words import explain
 from processing.sar.resolution import point_resolution
 
 if TYPE_CHECKING:

@@ -21,7 +21,8 @@ from processing.sar.aperture import aperture_window
 from processing.sar.footprint import ImageFlag
 from processing.sar.grid import ImageGrid
 from processing.sar.peak_search import find_peaks
-from processing.sar.planner import Task, choose, explain
+from processing.sar.planner import Task, choose
+from processing.sar.planner_words import explain
 from processing.sar.polar_format_geometry import polar_forecast
 from processing.sar.resolution import point_resolution
 

@@ -47,7 +47,8 @@ from processing.errors import DataError
 from processing.radar.profiles import RangeProfiles
 from processing.sar.aperture import alias_free_angle_rad
 from processing.sar.grid import ImageGrid
-from processing.sar.planner import choose, explain
+from processing.sar.planner import choose
+from processing.sar.planner_words import explain
 from processing.sar.tiles import GridTile
 
 Place = tuple[int, int, int, int]

@@ -24,8 +24,6 @@ from processing.sar.focus_costs import (
     RANGING_NS,
     REFERENCE_NS,
     backprojection_seconds,
-    cores,
-    machine_scale,
     migration_seconds,
     polar_seconds,
 )
@@ -267,11 +265,11 @@ def choose(task: Task, tolerance_db: float, method: str = "auto") -> Choice:
         raise DataError(
             what, "form a smaller image, or focus by back-projection" if method == "pfa" else "focus by back-projection"
         )
-    fitting = [choice for choice in fit if _fits(choice, tolerance_db)]
+    fitting = [choice for choice in fit if fits(choice, tolerance_db)]
     at = f" at {task.oversampling:g} bins per cell" if task.oversampling is not None else ""
     if fitting:
         best, why = fitting[0], f"cheapest within {tolerance_db:g} dB"
-    elif method == "auto" and _fits(exact, tolerance_db):
+    elif method == "auto" and fits(exact, tolerance_db):
         best, why = exact, f"only float64 reaches {tolerance_db:g} dB"
     else:
         best = min(fit, key=lambda choice: choice.predicted_error_db)
@@ -286,55 +284,9 @@ def choose(task: Task, tolerance_db: float, method: str = "auto") -> Choice:
     return replace(best, reason=asked + why, considered=others)
 
 
-def _fits(choice: Choice, tolerance_db: float) -> bool:
+def fits(choice: Choice, tolerance_db: float) -> bool:
+    """Whether a way's expected error is within a tolerance by the method's margin, :data:`SAFETY_DB`."""
     return choice.predicted_error_db <= tolerance_db - SAFETY_DB[choice.method]
-
-
-def explain(task: Task, choice: Choice, tolerance_db: float) -> list[str]:
-    """The choice in words: what it is, what it will cost here, and why nothing else was taken."""
-    scale = machine_scale()
-    lines = [
-        f"{_name(choice)}: {choice.reason}",
-        f"expected error {choice.predicted_error_db:.0f} dB, tolerance {tolerance_db:g} dB; precision: "
-        f"{choice.precision}",
-        f"{task.pixels} pixels, {task.pulses} positions, {task.channels} channels: about "
-        f"{_time(choice.seconds * scale)} of core time, {_time(choice.seconds * scale / cores())} on {cores()} cores "
-        f"(this core takes {scale:.2g} times as long as the one that the tables are from)",
-    ]
-    for other in _best_of_each(choice.considered):
-        far = not _fits(other, tolerance_db)
-        why = "not exact enough" if far else f"{other.seconds / max(choice.seconds, 1e-12):.2g} times the time"
-        if not far and other.method == "ffbp" and other.seconds < choice.seconds:
-            why = "pays for larger images and apertures only"
-        lines.append(
-            f"not {_name(other)}: {why} ({other.predicted_error_db:.0f} dB, {_time(other.seconds * scale)} of core "
-            "time expected)"
-        )
-    return lines
-
-
-def _best_of_each(others: tuple[Choice, ...]) -> list[Choice]:
-    """Of every method and interpolator the cheapest entry, in order of time."""
-    found: dict[tuple[str, str], Choice] = {}
-    for other in others:
-        found.setdefault((other.method, other.interpolator), other)
-    return list(found.values())
-
-
-def _name(choice: Choice) -> str:
-    bins = f"{choice.oversampling:g} bins per cell"
-    words = {
-        "bp": f"back-projection with {choice.interpolator} interpolation at {bins}",
-        "ffbp": f"factorized back-projection at {bins}",
-        "rma": f"range migration at {bins}",
-        "pfa": f"polar format at {bins}",
-        "reference": f"plain float64 back-projection with {choice.interpolator} interpolation at {bins}",
-    }
-    return words[choice.method]
-
-
-def _time(seconds: float) -> str:
-    return f"{seconds * 1e3:.2g} ms" if seconds < 1 else f"{seconds:.2g} s" if seconds < 600 else f"{seconds:.0f} s"
 
 
 def _large(task: Task) -> bool:

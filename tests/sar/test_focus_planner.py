@@ -15,9 +15,9 @@ from processing.sar.planner import (
     Task,
     choices,
     choose,
-    explain,
     migration_error_db,
 )
+from processing.sar.planner_words import explain
 
 RAIL = {
     "pixels": 100_000,
