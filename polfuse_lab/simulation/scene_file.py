@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Self
 
 from pydantic import Field, PositiveFloat, field_validator, model_validator
 
@@ -147,20 +147,14 @@ class GridPart(FileModel):
         return ImageGrid(x, y, 0.0)
 
 
-class SolidSceneFile(FileModel):
-    """A scene of bodies for both eyes."""
+class BodyTables(FileModel):
+    """What every scene file of bodies holds."""
 
-    title: str = ""
-    flight: FlightPart = FlightPart()
-    radar: RadarPart = RadarPart()
-    camera: CameraPart = CameraPart()
-    light: LightPart = LightPart()
-    grid: GridPart
     substance: Annotated[tuple[SubstancePart, ...], Field(min_length=1)]
     solid: Annotated[tuple[SolidPart, ...], Field(min_length=1)]
 
     @model_validator(mode="after")
-    def _whole(self) -> SolidSceneFile:
+    def _known(self) -> Self:
         names = [part.name for part in self.substance]
         if len(set(names)) != len(names):
             raise ValueError("two substances have the same name")
@@ -168,6 +162,51 @@ class SolidSceneFile(FileModel):
             for name in solid.made_of:
                 if name not in names:
                     raise ValueError(f"solid {number} ({solid.shape}) is of '{name}', there are {', '.join(names)}")
+        return self
+
+    def bodies(self, name: str, path: Path, centre_hz: float) -> SolidScene:
+        """The bodies; mesh files are looked for beside ``path``, the scene file.
+
+        Raises:
+            PolfuseError: a mesh file that cannot be used, or a substance or body that cannot be, with its number.
+        """
+        from processing.scene.solids import Solid, SolidScene, Substance
+
+        substances: list[Substance] = []
+        for number, part in enumerate(self.substance, start=1):
+            try:
+                substances.append(part.substance(centre_hz))
+            except DataError as error:
+                raise PolfuseError(
+                    error.what, where=f"{path}, substance {number} ({part.name})", advice=error.advice
+                ) from error
+        solids: list[Solid] = []
+        for number, body in enumerate(self.solid, start=1):
+            try:
+                solids.append(body.solid(number, path.parent))
+            except DataError as error:
+                raise PolfuseError(
+                    error.what, where=f"{path}, solid {number} ({body.shape})", advice=error.advice
+                ) from error
+        return SolidScene(name, tuple(substances), tuple(solids))
+
+    def files(self, folder: Path) -> list[Path]:
+        """Mesh files that the bodies name, each once."""
+        return list(dict.fromkeys(folder / body.file for body in self.solid if isinstance(body, MeshPart)))
+
+
+class SolidSceneFile(BodyTables):
+    """A scene of bodies for both eyes of an aircraft."""
+
+    title: str = ""
+    flight: FlightPart = FlightPart()
+    radar: RadarPart = RadarPart()
+    camera: CameraPart = CameraPart()
+    light: LightPart = LightPart()
+    grid: GridPart
+
+    @model_validator(mode="after")
+    def _sizes(self) -> SolidSceneFile:
         if self.flight.pulses * self.radar.frequencies > MOST_SAMPLES:
             raise ValueError(f"pulses times frequencies of {MOST_SAMPLES} at most")
         across = self.slant_m * self.camera.pixel_pitch_m / self.camera.focal_length_m
@@ -209,29 +248,7 @@ class SolidSceneFile(FileModel):
         Raises:
             PolfuseError: a mesh file that cannot be used, or a substance or body that cannot be, with its number.
         """
-        from processing.scene.solids import Solid, SolidScene, Substance
-
-        substances: list[Substance] = []
-        for number, part in enumerate(self.substance, start=1):
-            try:
-                substances.append(part.substance(self.radar.centre_hz))
-            except DataError as error:
-                raise PolfuseError(
-                    error.what, where=f"{path}, substance {number} ({part.name})", advice=error.advice
-                ) from error
-        solids: list[Solid] = []
-        for number, body in enumerate(self.solid, start=1):
-            try:
-                solids.append(body.solid(number, path.parent))
-            except DataError as error:
-                raise PolfuseError(
-                    error.what, where=f"{path}, solid {number} ({body.shape})", advice=error.advice
-                ) from error
-        return SolidScene(self.title or path.stem, tuple(substances), tuple(solids))
-
-    def files(self, folder: Path) -> list[Path]:
-        """Mesh files that the bodies name, each once."""
-        return list(dict.fromkeys(folder / body.file for body in self.solid if isinstance(body, MeshPart)))
+        return self.bodies(self.title or path.stem, path, self.radar.centre_hz)
 
 
 def read_solid_scene(path: Path | str) -> SolidSceneFile:
