@@ -38,13 +38,15 @@ class Normalization(StrEnum):
 
 @guarded
 def fuse(
-    products: Annotated[Path, typer.Argument(help="Products file, calibrated and with optics.")],
+    products: Annotated[Path, typer.Argument(help="Products file, calibrated and with optics, or simulated.")],
     regions: Annotated[
         Path | None, typer.Option(help="Regions file: [[region]] with name and polygon_m = [[x, y], ...].")
     ] = None,
     classifier: Annotated[
         Method,
-        typer.Option(help="Found without knowing any: kmeans, isodata, mixture. Learnt from --regions: the others."),
+        typer.Option(
+            help="Found without knowing any: kmeans, isodata, mixture. Learnt from --regions or a simulation: others."
+        ),
     ] = Method.kmeans,
     classes: Annotated[
         int, typer.Option(min=1, max=100, help="kmeans: classes; isodata: to begin with; mixture: at most.")
@@ -68,6 +70,8 @@ def fuse(
     debug: Debug = False,
 ) -> None:
     """Put camera and radar on one grid, stack the fused vector, find classes and how well they can be told apart.
+
+    A simulation's pictures share a grid, and its kinds of bodies stand for regions where no file of them is given.
 
     Example: polfuse fuse products.h5 --regions regions.toml
     """
@@ -104,12 +108,18 @@ def fuse(
         "figures": figures,
         "pixels": made.pixels,
         "iterations": made.iterations,
+        "registration": made.registration,
         "registration_error_px": made.registration_error_px,
         "registration_shift_px": None if made.shift is None else [made.shift.right_px, made.shift.down_px],
         "notes": list(made.notes),
         "products": made.products,
     }
-    lines = [f"{made.pixels} pixels fused, registered to {made.registration_error_px:.1f} px (median sd)"]
+    registered = (
+        "on the simulation's own grid"
+        if made.registration == "identity"
+        else f"registered to {made.registration_error_px:.1f} px (median sd)"
+    )
+    lines = [f"{made.pixels} pixels fused, {registered}"]
     for name, item in {**made.classes, **made.regions}.items():
         lines.append(
             f"{name}: {item.pixels} pixels ({100 * item.fraction:.1f} %), {item.mechanism}, "

@@ -39,7 +39,7 @@ def draw_all(products: Products, path: Path | str) -> list[Path]:
     """Draw every picture of a fused products file.
 
     Args:
-        products: file with stages "polarimetry", "optics" and "fusion".
+        products: file with the stage "fusion" and those that it was made from.
         path: where the fused vector goes; the others stand beside it with suffixes ``_pauli``, ``_lexicographic``,
             ``_classes`` and ``_overlay``.
 
@@ -48,17 +48,29 @@ def draw_all(products: Products, path: Path | str) -> list[Path]:
     """
     path = Path(path)
     polarimetry, fusion, settings = products.read("polarimetry"), products.read("fusion"), products.settings("fusion")
-    camera = pinhole_of(products.settings("optics"))
     figures = {
         "": fused_figure(fusion, settings["features"]),
         "_pauli": pauli_figure(polarimetry),
         "_lexicographic": lexicographic_figure(polarimetry),
         "_classes": class_figure(fusion, settings),
-        "_overlay": overlay_figure(products.read("optics"), polarimetry, fusion, camera, float(settings["z_m"])),
+        "_overlay": both_figure(products),
     }
     return [
         style.save(figure, path.with_name(f"{path.stem}{suffix}{path.suffix}")) for suffix, figure in figures.items()
     ]
+
+
+def both_figure(products: Products) -> Figure:
+    """The radar in the camera's view; on the ground where both pictures are there already (a simulation's).
+
+    Args:
+        products: file with the stage "fusion" and what it was made from.
+    """
+    polarimetry, fusion, settings = products.read("polarimetry"), products.read("fusion"), products.settings("fusion")
+    if settings.get("registration") == "identity":
+        return ground_overlay_figure(polarimetry, fusion)
+    camera = pinhole_of(products.settings("optics"))
+    return overlay_figure(products.read("optics"), polarimetry, fusion, camera, float(settings["z_m"]))
 
 
 def pauli_rgb(k: ArrayLike, *, span_db: float = SPAN_DB) -> Floats:
@@ -198,10 +210,8 @@ def overlay_figure(optics: Arrays, polarimetry: Arrays, fusion: Arrays, camera: 
     j, i = _nearest(ground[..., 0], x), _nearest(ground[..., 1], y)
     on_grid = (j >= 0) & (i >= 0)
     seen = colour[np.maximum(i, 0), np.maximum(j, 0)]
-    strength = seen.max(axis=-1)
-    # Full colour at its own hue; the return's strength is in the opacity.
-    hue = seen / np.maximum(strength, 1e-9)[..., None]
-    opacity = np.where(on_grid, 0.75 * np.clip((strength - 0.3) / 0.7, 0, 1), 0.0)
+    hue, opacity = _hue_and_opacity(seen)
+    opacity = np.where(on_grid, opacity, 0.0)
 
     title = "Radar in the camera's view"
     figure = style.new_figure(9.2, 8.0 * camera.height_px / camera.width_px + 1.0, title=title)
@@ -219,6 +229,35 @@ def overlay_figure(optics: Arrays, polarimetry: Arrays, fusion: Arrays, camera: 
     error = float(np.median(fusion["registration_error_px"][fused])) if fused.any() else float("nan")
     style.panel(axes, f"red |HH−VV|, green |HV|, blue |HH+VV|; registration error {error:.1f} px (median sd)")
     return figure
+
+
+def ground_overlay_figure(polarimetry: Arrays, fusion: Arrays) -> Figure:
+    """The camera's S0 on the ground with the Pauli composite laid over it, as opaque as the radar return is strong.
+
+    Args:
+        polarimetry: arrays of the stage "polarimetry".
+        fusion: arrays of the stage "fusion".
+    """
+    x, y = fusion["x_m"], fusion["y_m"]
+    hue, opacity = _hue_and_opacity(np.nan_to_num(pauli_rgb(polarimetry["pauli"])))
+    aspect = float(np.ptp(y)) / float(np.ptp(x))
+    figure = style.new_figure(
+        9.2, float(np.clip(8.0 * aspect + 1.0, 3.5, 11.0)), title="Radar and camera on the ground"
+    )
+    axes = figure.subplots()
+    shade = np.asarray(fusion["s0_on_ground"], dtype=np.float64)
+    picture = style.image(axes, shade, x, y, low=0.0, high=_top(shade), colours="gray")
+    style.image(axes, np.dstack([hue, opacity]), x, y)
+    style.colour_bar(picture, axes, "S0 [of white in the sun]", extend="max")
+    style.metres(axes, x="x [m]", y="y [m]")
+    style.panel(axes, "red |HH−VV|, green |HV|, blue |HH+VV|; both simulated on one ground grid")
+    return figure
+
+
+def _hue_and_opacity(colour: Floats) -> tuple[Floats, Floats]:
+    """Full colour at its own hue, and the return's strength as opacity."""
+    strength = colour.max(axis=-1)
+    return colour / np.maximum(strength, 1e-9)[..., None], 0.75 * np.clip((strength - 0.3) / 0.7, 0, 1)
 
 
 def _range_lines(axes: Axes, camera: Pinhole, x: NDArray[Any], y: NDArray[Any], z_m: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -9,15 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.products.region_statistics import Region
 from processing.fusion.confusion import Confusion, confusion
 from processing.fusion.isodata import IsodataSettings, isodata
 from processing.fusion.kmeans import UNCLASSIFIED, kmeans
-from processing.fusion.regions import polygon_mask
 from processing.fusion.supervised import gaussian_mixture, learn
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 Classifier = Literal["kmeans", "isodata", "mixture", "likelihood", "svm", "forest"]
 LEARNT = ("likelihood", "svm", "forest")
@@ -46,9 +46,7 @@ def classify(
     classes: int,
     seed: int,
     start: Literal["k-means++", "even"],
-    regions: tuple[Region, ...],
-    x_m: Floats,
-    y_m: Floats,
+    regions: Mapping[str, Mask],
 ) -> Classified:
     """The class of every pixel.
 
@@ -58,9 +56,7 @@ def classify(
         classes: how many, for K-means; for ISODATA and mixtures to begin with, or at most.
         seed: of anything random.
         start: of K-means.
-        regions: what classes are learnt from.
-        x_m: (nx,).
-        y_m: (ny,).
+        regions: pixels (ny, nx) of what classes are learnt from, by name.
 
     Raises:
         PolfuseError: classes to be learnt without regions, or regions too small to learn from and to judge.
@@ -69,7 +65,7 @@ def classify(
     shape = features.shape[1:]
     samples = features.reshape(len(features), -1).T
     if method in LEARNT:
-        return _learnt(features, samples, method, regions, x_m, y_m, seed)
+        return _learnt(features.shape[1:], samples, method, regions, seed)
     iterations = 0
     if method == "mixture":
         labels = gaussian_mixture(samples, most=classes, seed=seed).labels
@@ -85,33 +81,36 @@ def classify(
     return Classified(labels.reshape(shape), names, iterations, None)
 
 
-def _learnt(
-    features: Floats, samples: Floats, method: Any, regions: tuple[Region, ...], x_m: Floats, y_m: Floats, seed: int
-) -> Classified:
+def halves(mask: Mask) -> tuple[Mask, Mask]:
+    """Pixels (ny, nx) of a region that are learnt from, and those that are judged, in squares in turn."""
+    row, column = np.indices(mask.shape)
+    first = (row // BLOCK_PX + column // BLOCK_PX) % 2 == 0
+    return mask & first, mask & ~first
+
+
+def _learnt(shape: tuple[int, ...], samples: Floats, method: Any, regions: Mapping[str, Mask], seed: int) -> Classified:
     if len(regions) < 2:
         raise PolfuseError(
-            f"classes are learnt by {method} from regions, and there are none",
+            f"classes are learnt by {method} from regions, and there are {len(regions) or 'none'}",
             where="classifier",
             advice="add --regions with two or more regions",
         )
-    shape = features.shape[1:]
-    row, column = np.indices(shape)
-    learnt_from = ((row // BLOCK_PX + column // BLOCK_PX) % 2 == 0).ravel()
-    defined = np.isfinite(samples).all(axis=1)
-    inside = [polygon_mask(region.polygon_m, x_m, y_m).ravel() & defined for region in regions]
-    for region, mask in zip(regions, inside, strict=True):
-        if min((mask & learnt_from).sum(), (mask & ~learnt_from).sum()) < 2:
+    defined = np.isfinite(samples).all(axis=1).reshape(shape)
+    parts = {name: [half.ravel() for half in halves(mask & defined)] for name, mask in regions.items()}
+    for name, (learnt, judged) in parts.items():
+        if min(learnt.sum(), judged.sum()) < 2:
             raise PolfuseError(
-                f"region '{region.name}' holds {mask.sum()} defined pixels, too few to learn from and to judge",
+                f"region '{name}' holds {learnt.sum() + judged.sum()} defined pixels, too few to learn from and to "
+                "judge",
                 where="classifier",
                 advice=f"draw it larger: it is parted in squares of {BLOCK_PX} pixels",
             )
-    classifier = learn([samples[mask & learnt_from] for mask in inside], method, seed=seed)
+    classifier = learn([samples[learnt] for learnt, _ in parts.values()], method, seed=seed)
     labels = classifier(samples)
     truth = np.full(len(samples), UNCLASSIFIED, dtype=np.int64)
-    for k, mask in enumerate(inside):
-        truth[mask & ~learnt_from] = k
-    names = tuple(region.name for region in regions)
+    for k, (_, judged) in enumerate(parts.values()):
+        truth[judged] = k
+    names = tuple(regions)
     return Classified(labels.reshape(shape), names, 0, confusion(truth, labels, len(names)))
 
 

@@ -120,7 +120,8 @@ def _fused(arrays: Arrays, settings: dict[str, Any], name: str, part: str, title
         return Picture(name, title, "classes", arrays["classes"], "", x, y, legend=legend)
     if part == "dolp_on_ground":
         return Picture(name, title, "fraction", arrays[part], "1", x, y, limits=(0.0, 1.0))
-    unit = {"s0_on_ground": "counts", "registration_error_px": "px"}.get(part, "1")
+    light = "1" if settings.get("registration") == "identity" else "counts"
+    unit = {"s0_on_ground": light, "registration_error_px": "px"}.get(part, "1")
     return Picture(name, title, "counts" if unit == "counts" else "number", arrays[part], unit, x, y)
 
 

@@ -164,8 +164,7 @@ def _active_optics(products: Products) -> list[Picture]:
 
 
 def _fusion(products: Products) -> list[Picture]:
-    from polfuse_lab.products.figures_fusion import class_figure, fused_figure, overlay_figure
-    from polfuse_lab.products.optics import pinhole_of
+    from polfuse_lab.products.figures_fusion import both_figure, class_figure, fused_figure
 
     arrays, settings = products.read("fusion"), products.settings("fusion")
     fused = (
@@ -176,15 +175,15 @@ def _fusion(products: Products) -> list[Picture]:
         f"Classes of the fused vector ({settings.get('classifier', 'kmeans')}), and where they lie between two of its "
         "components."
     )
+    title = "Radar in the camera's picture"
     overlay = "The radar's Pauli composite laid over the camera's picture, with lines of equal ground range."
-    camera = pinhole_of(products.settings("optics"))
-    drawn = overlay_figure(
-        products.read("optics"), products.read("polarimetry"), arrays, camera, float(settings["z_m"])
-    )
+    if settings.get("registration") == "identity":
+        title = "Radar and camera on the ground"
+        overlay = "The radar's Pauli composite laid over the camera's picture; both were simulated on this grid."
     return [
         _picture("fusion", "Fused vector", fused, fused_figure(arrays, list(settings["features"]))),
         _picture("classes", "Classes", classes, class_figure(arrays, settings)),
-        _picture("overlay", "Radar in the camera's picture", overlay, drawn),
+        _picture("overlay", title, overlay, both_figure(products)),
     ]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.accuracy_registration import CELL_M, GROUND_M, _pair
-from polfuse_lab.products.fuse import _shift
+from polfuse_lab.products.fuse_sources import shift_of_pictures
 from processing.errors import DataError
 from processing.fusion.registration import GeometryErrors, registration_error
 from processing.fusion.registration_refine import (
@@ -81,13 +81,13 @@ def test_fusion_takes_the_shift_only_where_it_tells_more_than_the_rig() -> None:
     span_db, picture, u, v, truth = _pair(3)
     span = 10 ** (span_db / 10)
     notes: list[str] = []
-    shift = _shift(span, picture, (u, v), 0.5, 10.0, notes)
+    shift = shift_of_pictures(span, picture, (u, v), 0.5, 10.0, notes)
     assert shift is not None
     assert notes == []
     assert np.hypot(shift.right_px - truth[0], shift.down_px - truth[1]) < 2
     # A direction that is known better, a cell that is too long, and a picture that is too small.
-    assert _shift(span, picture, (u, v), 0.1, 0.2, notes) is None
-    assert _shift(span, picture, (u, v), 35.0, 10.0, notes) is None
-    assert _shift(span[:4, :4], picture, (u[:4, :4], v[:4, :4]), 0.5, 10.0, notes) is None
+    assert shift_of_pictures(span, picture, (u, v), 0.1, 0.2, notes) is None
+    assert shift_of_pictures(span, picture, (u, v), 35.0, 10.0, notes) is None
+    assert shift_of_pictures(span[:4, :4], picture, (u[:4, :4], v[:4, :4]), 0.5, 10.0, notes) is None
     assert len(notes) == 3
     assert all("by geometry alone" in note for note in notes)

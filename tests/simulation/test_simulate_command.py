@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from pathlib import Path
 from typing import Any, get_args
 
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 
 from polfuse_lab.cli import build
 from polfuse_lab.products.decompose import decompose
+from polfuse_lab.products.fuse import fuse
 from polfuse_lab.products.store import Products
 from polfuse_lab.rig import parse_model
 from polfuse_lab.simulation.scene_file import SolidSceneFile, read_solid_scene
@@ -88,8 +90,8 @@ position_m = [-3.0, 0.0, 1.6]
 APP = build()
 
 
-def run(*arguments: str | Path) -> tuple[int, str, str]:
-    result = CliRunner().invoke(APP, ["simulate", *map(str, arguments)])
+def run(*arguments: str | Path, command: str = "simulate") -> tuple[int, str, str]:
+    result = CliRunner().invoke(APP, [command, *map(str, arguments)])
     return result.exit_code, result.stdout, result.stderr
 
 
@@ -153,6 +155,41 @@ def test_decompositions_read_it_on_the_ground(simulated: tuple[Path, dict[str, A
     # A region in metres: the trihedral alone.
     signature = decompose(path, "signature", region=(-3.2, -2.8, -1.8, -1.4))
     assert signature.planes
+
+
+def test_both_eyes_are_fused_by_the_bodies(simulated: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    path = Path(shutil.copy(simulated[0], tmp_path / "out.h5"))
+    options = ("--dynamic-range-db", "90", "--classifier", "likelihood", "--refine", "--json")
+    code, out, err = run(path, *options, command="fuse")
+    assert code == 0, err
+    told = json.loads(out)
+    assert (told["registration"], told["registration_error_px"], told["registration_shift_px"]) == ("identity", 0, None)
+    assert any("identity" in note for note in told["notes"])
+    assert any("to refine" in note for note in told["notes"])
+    # The trihedral covers a few pixels only.
+    assert set(told["regions"]) == {"ground", "container"}
+    assert any("trihedral" in note for note in told["notes"])
+    assert set(told["bhattacharyya"]) == {"ground - container"} == set(told["bayes_bounds"])
+    assert told["confusion"]["names"] == ["ground", "container"]
+    store = Products(path)
+    fused, seen = store.read("fusion"), store.read("simulation")
+    defined = np.isfinite(fused["features"][0])
+    assert defined.sum() == told["pixels"] == sum(item["pixels"] for item in told["classes"].values())
+    # One grid: what the camera saw is passed on as it is, and a pixel is its own place.
+    np.testing.assert_array_equal(fused["features"][3][defined], seen["dolp"][defined])
+    np.testing.assert_array_equal(fused["s0_on_ground"], seen["s0"])
+    assert (fused["u_px"][7, 60], fused["v_px"][7, 60]) == (60, 7)
+    assert store.units("fusion")["s0_on_ground"] == "1"
+    # As light's mean over the container's pixels says.
+    inside = defined & (seen["body"] == 1)
+    assert told["regions"]["container"]["pixels"] == inside.sum()
+    assert told["regions"]["container"]["mean"]["DOLP"] == pytest.approx(float(seen["dolp"][inside].mean()), rel=1e-4)
+    assert all(Path(figure).stat().st_size > 10_000 for figure in told["figures"])
+    regions = tmp_path / "regions.toml"
+    patch = '[[region]]\nname = "{}"\npolygon_m = [[{}, -2.5], [{}, -2.5], [{}, 2.5], [{}, 2.5]]\n'
+    regions.write_text(patch.format("west", -6, -1, -1, -6) + patch.format("east", 1, 6, 6, 1))
+    found = fuse(path, regions=regions, dynamic_range_db=90)
+    assert list(found.pairs) == ["west - east"]
 
 
 def test_it_tells_what_was_left_out(simulated: tuple[Path, dict[str, Any]]) -> None:
