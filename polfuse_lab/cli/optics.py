@@ -55,8 +55,14 @@ def optics(
         Register, typer.Option(help="Measure shifts between the images and undo them: where significant, or all.")
     ] = Register.off,
     demosaic: Annotated[
-        Demosaic, typer.Option(help="For a mosaic: the fastest, Newton's polynomials, or residuals (least error).")
-    ] = Demosaic.bilinear,
+        Demosaic | None,
+        typer.Option(help="For a mosaic: bilinear (fastest, the default), newton, or residual (least error)."),
+    ] = None,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(help="Chooses the demosaicer: largest error of the images, dB, or preview, field, paper."),
+    ] = None,
+    explain: Annotated[bool, typer.Option("--explain", help="Tell why this demosaicer; with --tolerance.")] = False,
     region_px: Annotated[
         int | None, typer.Option(min=1, help="Calibrate analysers in regions of this many pixels; one by default.")
     ] = None,
@@ -84,11 +90,15 @@ def optics(
     from polfuse_lab.products import optics as stage
     from polfuse_lab.products.optics_frames import camera_of, is_active
     from polfuse_lab.session import open_session
+    from polfuse_lab.tolerances import as_db
 
+    tolerance_db = None if tolerance is None else as_db(tolerance, "picture")
     with open_session(session) as opened:
         camera_of(opened)
         active = is_active(opened)
     if active:
+        if tolerance_db is not None:
+            raise typer.BadParameter("the active mode interpolates no mosaic", param_hint="--tolerance")
         from polfuse_lab.products.optics_active import active_optics
 
         values, text = _of_active(active_optics(session, output, figure=drawing, corrections=correct))
@@ -101,13 +111,14 @@ def optics(
             intensity_stability=intensity_stability,
             corrections=correct,
             register=register.value,
-            demosaic=demosaic.value,
+            demosaic=demosaic and demosaic.value,
+            tolerance_db=tolerance_db,
         )
-        values, text = _of_series(made)
+        values, text = _of_series(made, explain)
     result(values, as_json=json_, text=text)
 
 
-def _of_series(made: OpticsResult) -> tuple[dict[str, Any], str]:
+def _of_series(made: OpticsResult, explain: bool) -> tuple[dict[str, Any], str]:
     import math
 
     angles = [math.degrees(angle) for angle in made.series.angles_rad]
@@ -123,11 +134,13 @@ def _of_series(made: OpticsResult) -> tuple[dict[str, Any], str]:
         "incomplete_frames": made.incomplete_frames,
         "condition_number": made.series.condition,
         "shifts_px": shifts,
+        "explanation": [] if made.choice is None else made.choice.explain(),
     }
     largest = f"largest shift between images {max(s.size for s in made.shifts):.3f} px\n" if made.shifts else ""
+    why = "".join(f"{line}\n" for line in made.choice.explain()) if made.choice and explain else ""
     text = (
         f"{made.frames} frames at {len(angles)} polarizer angles\n"
-        f"median DOLP {made.dolp_median:.4f}, {100 * made.masked_fraction:.2f} % of the pixels masked\n{largest}"
+        f"median DOLP {made.dolp_median:.4f}, {100 * made.masked_fraction:.2f} % of the pixels masked\n{largest}{why}"
         f"products: {made.products}\nfigure:   {made.figure}"
     )
     return values, text

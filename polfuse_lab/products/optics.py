@@ -16,6 +16,7 @@ from polfuse_lab.rig import CameraSection
 from polfuse_lab.session import open_session
 from processing.optics.analyser_calibration import AnalyserCalibration
 from processing.optics.camera_model import Pinhole
+from processing.optics.demosaic_planner import DemosaicChoice
 from processing.optics.flat import Corrections
 from processing.optics.mosaic import parse_mosaic
 from processing.optics.series import PolarizerSeries, SensorNoise
@@ -54,6 +55,8 @@ class OpticsResult:
     """Shift of each angle's image against the first one's; empty where it was not measured."""
     composite: Path | None = None
     """Picture of S1, S0 and S2 as colours (thesis 7.7)."""
+    choice: DemosaicChoice | None = None
+    """Which demosaicer a tolerance chose, and why."""
 
     @property
     def dolp_median(self) -> float:
@@ -75,7 +78,8 @@ def optics(
     intensity_stability: float = 1e-3,
     corrections: Path | str | None = None,
     register: str = "off",
-    demosaic: str = "bilinear",
+    demosaic: str | None = None,
+    tolerance_db: float | None = None,
 ) -> OpticsResult:
     """Make Stokes parameters of a session's polarizer series and write the stage ``"optics"``.
 
@@ -95,13 +99,17 @@ def optics(
             (:mod:`polfuse_lab.products.optics_calibration`), which are applied.
         register: ``"off"``, ``"auto"`` or ``"on"``: whether shifts between the images of a turning polarizer are
             measured and undone (:func:`processing.optics.shifts.registered`).
-        demosaic: of :data:`processing.optics.demosaic.METHODS`.
+        demosaic: of :data:`processing.optics.demosaic.METHODS`; bilinear if left out.
+        tolerance_db: largest error of the images behind each angle of a mosaic, dB below them; chooses the demosaicer,
+            and the settings keep why (:func:`processing.optics.demosaic_planner.choose_demosaicer`).
 
     Raises:
         PolfuseError: a file that cannot be used, a session without camera or without frames, or one of the active mode
             (:func:`polfuse_lab.products.optics_active.active_optics`).
         DataError: frames that do not determine S0, S1 and S2.
     """
+    if demosaic is not None and tolerance_db is not None:
+        raise PolfuseError("a tolerance chooses the demosaicer", where="optics", advice="leave --demosaic out")
     with open_session(session_path) as session:
         camera = camera_of(session)
         if is_active(session):
@@ -109,6 +117,12 @@ def optics(
                 "was taken with a polarizer before the light source",
                 where=str(session.path),
                 advice="make the active mode's channels of it, as 'polfuse optics' does by itself",
+            )
+        if tolerance_db is not None and not camera.has_mosaic:
+            raise PolfuseError(
+                "a tolerance chooses how a mosaic of polarizers is interpolated, and this camera has none",
+                where=str(session.path),
+                advice="leave --tolerance out",
             )
         refuse_changes(session)
         stack = stacked(session, camera, usable_frames(session))
@@ -124,7 +138,8 @@ def optics(
                 response_sd=intensity_stability,
                 corrections=found,
                 analysers=analysers,
-                method=demosaic,
+                method=demosaic or "bilinear",
+                tolerance_db=tolerance_db,
             )
         else:
             assert session.rig.polarizer is not None
@@ -138,13 +153,16 @@ def optics(
                 register=register,
             )
     image = averaged.stokes()
+    choice = averaged.demosaicer
+    used = choice.method if choice else demosaic or "bilinear"
     products = Products(products_path)
     products.write(
         STAGE,
         {name: getattr(image, name) for name in UNITS},
         settings={
             **_settings(camera, averaged, stack.incomplete_frames),
-            "demosaic": demosaic if camera.has_mosaic else None,
+            "demosaic": used if camera.has_mosaic else None,
+            **({} if choice is None else _told(choice)),
             "corrected": [name for name, done in _corrected(found, analysers).items() if done],
         },
         inputs=[Path(session_path), *([] if corrections is None else [Path(corrections)])],
@@ -166,6 +184,7 @@ def optics(
         incomplete_frames=stack.incomplete_frames,
         shifts=averaged.shifts,
         composite=composite,
+        choice=choice,
     )
 
 
@@ -216,6 +235,17 @@ def _settings(camera: CameraSection, averaged: AveragedSeries, incomplete_frames
         "black_level_counts": camera.black_level_counts,
         "flags": {flag.name: flag.value for flag in Flag},
         "shifts_px": [{**asdict(shift), "undone": undone} for shift, undone in _shifts(averaged)],
+    }
+
+
+def _told(choice: DemosaicChoice) -> dict[str, Any]:
+    """The choice and what it foretells, for the product."""
+    return {
+        "tolerance_db": choice.tolerance_db,
+        "predicted_error_db": choice.predicted_error_db,
+        "tolerance_kept": choice.kept,
+        "reason": choice.reason,
+        "considered": choice.considered,
     }
 
 

@@ -32,7 +32,7 @@ KNOBS = (
     Knob("autofocus", "focus --autofocus-method", "iterations and model", "accuracy.autofocus", "gain in entropy"),
     Knob("zero padding of a profile", "range_axis(oversampling=)", "level between bins", "ranging.padding", "planner"),
     Knob("window over the ramp", "focus --window", "side lobes for resolution", "ranging.window", "hann"),
-    Knob("demosaicer", "optics --demosaic", "bilinear, newton, residual", "optics.demosaic", "bilinear"),
+    Knob("demosaicer", "optics --demosaic", "bilinear, newton, residual", "optics.demosaic", "planner"),
     Knob("precision of the mosaic's pass", "mosaic_stokes", "float32 or float64", "optics.precision", "bound"),
     Knob("bias of DOLP", "always on", "a function for each pixel", "optics.debias", "on"),
     Knob("registration of exposures", "optics --register", "splines where it moved", "accuracy.optics", "significance"),

@@ -84,6 +84,23 @@ def through_mosaic(stokes: Floats, mosaic: Mosaic, extinction_ratio: float = mat
     return light
 
 
+def through_planes(planes: Floats, mosaic: Mosaic) -> Floats:
+    """What each pixel sees of images behind all four angles.
+
+    Args:
+        planes: (4, rows, columns) in the order of :data:`ANGLES_DEG`.
+        mosaic: polarizers on the pixels.
+
+    Returns:
+        (rows, columns), unit of ``planes``.
+    """
+    light = np.empty(planes.shape[1:])
+    for plane, angle in zip(planes, ANGLES_DEG, strict=True):
+        i, k = mosaic.place(angle)
+        light[i::2, k::2] = plane[i::2, k::2]
+    return light
+
+
 def split(image: NDArray[np.generic], mosaic: Mosaic) -> NDArray[np.generic]:
     """The four images that a mosaic holds, at half the resolution; nothing is interpolated.
 

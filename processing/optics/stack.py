@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from processing.errors import DataError
 from processing.optics.analyser_calibration import AnalyserCalibration
 from processing.optics.demosaic import SAMPLES_PER_PIXEL, demosaic_by, variance_share
+from processing.optics.demosaic_planner import DemosaicChoice, choose_demosaicer
 from processing.optics.flat import Corrections
 from processing.optics.mosaic import ANGLES_DEG, Mosaic, spread
 from processing.optics.series import PolarizerSeries, SensorNoise
@@ -49,6 +50,8 @@ class AveragedSeries:
     """Shift of each angle's image against the first one's; empty where it was not measured."""
     shifted_back: tuple[bool, ...] = ()
     """Whether it was undone."""
+    demosaicer: DemosaicChoice | None = None
+    """Which demosaicer a tolerance chose, and why; None where none was asked for."""
 
     def stokes(self) -> StokesImage:
         """Stokes parameters, DOLP and AOP with their errors."""
@@ -234,6 +237,7 @@ class FrameStack:
         corrections: Corrections | None = None,
         analysers: AnalyserCalibration | None = None,
         method: str = "bilinear",
+        tolerance_db: float | None = None,
     ) -> AveragedSeries:
         """Mean light behind each angle of a sensor with polarizers on its pixels, at full size.
 
@@ -249,9 +253,12 @@ class FrameStack:
             corrections: linearity and flat field.
             analysers: what the mosaic's polarizers were found to be; takes the place of ``extinction_ratio``.
             method: of :data:`processing.optics.demosaic.METHODS`.
+            tolerance_db: largest error, dB below the light; chooses the method
+                (:func:`processing.optics.demosaic_planner.choose_demosaicer`).
 
         Raises:
-            DataError: no complete frame, an odd number of rows or columns, or an unknown method.
+            DataError: no complete frame, an odd number of rows or columns, an unknown method, or a tolerance that is no
+                negative number.
         """
         means = self.means(together=True)
         (frames,) = means.frames
@@ -269,12 +276,20 @@ class FrameStack:
         light, response = (corrections or Corrections()).apply(means.light)
         # A saturated pixel's counts are no light: methods that look further than a neighbour must not see them.
         light[:, means.saturated] = np.nan
+        choice: DemosaicChoice | None = None
+        if tolerance_db is not None:
+            counts = np.maximum(means.light[0].astype(np.float64), 0.0)
+            spread_out = series.noise.variance(counts) / frames + series.dark_variance
+            if response is not None:
+                spread_out = spread_out / response**2
+            choice = choose_demosaicer(light[0], mosaic, tolerance_db, variance=spread_out)
+            method = choice.method
         planes = demosaic_by(method, light[0], mosaic)
         if analysers is not None:
             planes = analysers.idealised(planes).astype(np.float32)
         share, common = variance_share(method, mosaic)
         saturated = spread(means.saturated)
-        return AveragedSeries(planes, saturated, series, False, response, share, common)
+        return AveragedSeries(planes, saturated, series, False, response, share, common, demosaicer=choice)
 
     @property
     def _dark_frames(self) -> int:

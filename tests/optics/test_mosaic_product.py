@@ -124,6 +124,26 @@ def test_the_command_takes_a_mosaic_session(scene: Path, tmp_path: Path) -> None
     assert values["condition_number"] == pytest.approx(math.sqrt(2), rel=0.01)
 
 
+def test_a_tolerance_chooses_the_demosaicer_and_the_product_says_why(scene: Path, tmp_path: Path) -> None:
+    path = write_session(tmp_path / "s.h5", frames(scene, "90-45-135-0", 2, 0), rig=mosaic_rig("90-45-135-0"))
+    words = ["optics", str(path), "-o", str(tmp_path / "p.h5")]
+    ran = CliRunner().invoke(build(), [*words, "--tolerance=-3", "--json"])
+    assert ran.exit_code == 0, ran.output
+    assert "demosaicer bilinear: the fastest within -3 dB" in json.loads(ran.stdout)["explanation"][0]
+    settings = Products(tmp_path / "p.h5").settings("optics")
+    assert (settings["demosaic"], settings["tolerance_db"], settings["tolerance_kept"]) == ("bilinear", -3.0, True)
+    assert settings["predicted_error_db"] < -5
+    ran = CliRunner().invoke(build(), [*words, "--tolerance=-90", "--explain"])
+    assert "nothing on offer keeps -90 dB" in ran.output
+    settings = Products(tmp_path / "p.h5").settings("optics")
+    assert not settings["tolerance_kept"]
+    assert settings["predicted_error_db"] <= min(settings["considered"].values()) + 0.5
+    for wrong in (["--tolerance=-30", "--demosaic", "newton"], ["--tolerance", "perfect"]):
+        ran = CliRunner().invoke(build(), [*words, *wrong])
+        assert ran.exit_code != 0
+        assert "Traceback" not in ran.output
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
