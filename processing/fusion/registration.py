@@ -86,21 +86,20 @@ class RegistrationError:
     cross_range_cell: Floats
     angle: Floats
     height: Floats
+    layover: Floats | float = 0.0
+    """Of pixels that show several places of a surface at once."""
 
     @property
     def total(self) -> Floats:
         """All in quadrature: the causes are independent."""
-        parts = (self.range_cell, self.cross_range_cell, self.angle, self.height)
-        return np.asarray(np.sqrt(sum(part**2 for part in parts)))
+        parts = (self.range_cell, self.cross_range_cell, self.angle, self.height, self.layover)
+        return np.asarray(np.sqrt(sum(np.square(part) for part in parts)))
 
 
 def registration_error(
     camera: Pinhole, x_m: ArrayLike, y_m: ArrayLike, z_m: float, errors: GeometryErrors
 ) -> RegistrationError:
-    """First-order propagation of geometric errors into camera pixels.
-
-    A change of slant range R moves the ground point by R / y; a scatterer at height h above the plane is imaged
-    where its slant range meets the plane, while the camera sees it where it is. Slopes are central differences.
+    """:func:`surface_error` of a flat ground.
 
     Args:
         camera: the camera.
@@ -110,28 +109,52 @@ def registration_error(
     Returns:
         Errors per pixel; NaN behind the camera and for ground abeam of the rail (y = 0).
     """
-    ground = ground_points(x_m, y_m, z_m)
-    x, y = ground[..., 0], ground[..., 1]
-    # Closest approach: the rail passes at height 0 above y = 0, so range does not depend on x there.
-    slant = np.hypot(y, z_m)
+    return surface_error(camera, ground_points(x_m, y_m, z_m), 0.0, errors)
 
-    def seen(points: Floats, eye: Pinhole = camera) -> Floats:
-        u, v, _ = eye.project(points)
-        return np.stack([u, v])
 
-    def slope(shifted: Floats, back: Floats, step: float) -> Floats:
-        return np.asarray(np.hypot(*((seen(shifted) - seen(back)) / (2 * step))))
+def surface_error(
+    camera: Pinhole, points_m: ArrayLike, slope: ArrayLike, errors: GeometryErrors, height_sd_m: ArrayLike | None = None
+) -> RegistrationError:
+    """First-order propagation of geometric errors into camera pixels.
 
-    def at(range_m: Floats, z: float) -> Floats:
-        square = range_m**2 - z**2
-        return np.stack([x, np.sqrt(np.where(square > 0, square, np.nan)), np.full_like(x, z)], axis=-1)
+    On a surface of slope s (rise with y) a change of slant range R moves the place along the surface, in y by
+    R / (y + s z); a scatterer that is higher by h is imaged where its slant range meets the surface, while the camera
+    sees it where it is. The surface is taken as level along the rail. Slopes in the picture are central differences.
 
+    Args:
+        camera: the camera.
+        points_m: (..., 3) places on the surface; the rail passes at height 0 above y = 0, at closest approach.
+        slope: (...) of the surface there.
+        errors: standard deviations.
+        height_sd_m: (...) of each place, instead of the one of ``errors``.
+
+    Returns:
+        Errors of shape (...); NaN behind the camera, and where the surface is seen by the radar face on.
+    """
+    points = np.asarray(points_m, dtype=np.float64)
+    y, z = points[..., 1], points[..., 2]
+    rise = np.broadcast_to(np.asarray(slope, dtype=np.float64), y.shape)
+    # Range times its change with y along the surface.
+    towards = y + rise * z
+    towards = np.where(np.abs(towards) > 0, towards, np.nan)
     step = 1e-4
-    along = np.array([step, 0.0, 0.0])
-    by_range = slope(at(slant + step, z_m), at(slant - step, z_m), step) * errors.range_m
-    by_cross = slope(ground + along, ground - along, step) * errors.cross_range_m
-    by_height = slope(at(slant, z_m + step), at(slant, z_m - step), step) * errors.height_m
-    return RegistrationError(by_range, by_cross, _angle_error(camera, ground, errors.angle_rad), by_height)
+
+    def moved(along_y: Floats, along_z: Floats | float, along_x: float = 0.0) -> Floats:
+        """Pixels for a metre in this direction."""
+        x = np.full(y.shape, along_x)
+        way = step * np.stack([x, along_y, np.broadcast_to(along_z, y.shape)], axis=-1)
+        there, back = (np.stack(camera.project(points + sign * way)[:2]) for sign in (1, -1))
+        return np.asarray(np.hypot(*((there - back) / (2 * step))))
+
+    by_range = np.hypot(y, z) / towards
+    higher = -z / towards
+    height_sd = errors.height_m if height_sd_m is None else np.asarray(height_sd_m, dtype=np.float64)
+    return RegistrationError(
+        moved(by_range, rise * by_range) * errors.range_m,
+        moved(np.zeros(y.shape), 0.0, 1.0) * errors.cross_range_m,
+        _angle_error(camera, points, errors.angle_rad),
+        np.asarray(moved(higher, 1 + rise * higher) * height_sd),
+    )
 
 
 def _angle_error(camera: Pinhole, ground: Floats, angle_rad: float) -> Floats:
