@@ -9,6 +9,7 @@ import numpy as np
 
 from processing.fusion.confusion import confusion
 from processing.fusion.features import fused_vector, normalized_components
+from processing.fusion.overlap import Overlap, learn_density, likelier, overlap
 from processing.fusion.separability import bayes_bounds, bhattacharyya_unbiased, class_statistics
 from processing.fusion.supervised import learn
 from processing.polarimetry.pauli import pauli_vector
@@ -25,7 +26,7 @@ from processing.scene.solids import SolidScene
 Floats = np.ndarray
 
 CLASSES = ("single", "double", "multiple")
-KINDS = {"ground": 0, "asphalt": 0, "building": 1, "container": 1, "car": 1, "tree": 2}
+KINDS = {"ground": 0, "asphalt": 0, "concrete": 0, "building": 1, "container": 1, "car": 1, "tree": 2}
 """The thesis's classes: grass and asphalt; building, containers and cars; trees (7.3)."""
 PAULI, FUSED, RED_BLUE = (0, 1, 2), (0, 1, 2, 3), (0, 2, 3)
 """Components of the fused vector: Table 7.3's three columns."""
@@ -89,6 +90,12 @@ class Pair:
     """Bounds of the error."""
     error: float
     """Mean share of both classes that a likelihood classifier, learnt elsewhere, tells wrong."""
+    by_shape: Overlap
+    """Distance, bounds and least error where classes are mixtures of normal parts, learnt elsewhere."""
+    error_by_shape: float
+    """As ``error``, by the likelier of those mixtures."""
+    spread_by_shape: float
+    """Standard deviation of that error: squares of pixels are the draws, for pixels of one body are alike."""
     samples: int
 
 
@@ -102,7 +109,18 @@ def pair(fused: Fused, truth: Floats, components: tuple[int, ...], first: int = 
     statistics = [class_statistics(samples[mask], CLASSES[k]) for mask, k in zip(chosen, (first, second), strict=True)]
     distance = max(bhattacharyya_unbiased(*statistics), 0.0)
     classifier = learn([samples[mask & odd] for mask in chosen], "likelihood")
+    densities = [learn_density(samples[mask & odd]) for mask in chosen]
+    elsewhere = [samples[mask & ~odd] for mask in chosen]
     both = (chosen[0] | chosen[1]) & ~odd
-    judged = confusion(np.where(flat == second, 1, 0)[both], classifier(samples[both]), 2)
+    truly, by_shape = np.where(flat == second, 1, 0)[both], likelier(densities, samples[both])
+    errors = [float(1 - np.mean(confusion(truly, told, 2).producers)) for told in (classifier(samples[both]), by_shape)]
+    squares = ((row // 8) * (truth.shape[1] // 8 + 1) + column // 8).ravel()[both]
+    spread = math.hypot(*(_spread((by_shape != truly)[truly == k], squares[truly == k]) for k in (0, 1))) / 2
     bounds = bayes_bounds(distance)
-    return Pair(distance, *bounds, float(1 - np.mean(judged.producers)), int(both.sum()))
+    return Pair(distance, *bounds, errors[0], overlap(densities, elsewhere), errors[1], spread, int(both.sum()))
+
+
+def _spread(wrong: Floats, squares: Floats) -> float:
+    """Standard deviation of a share of pixels, squares being the draws (a ratio's, Cochran 1977, 2.11)."""
+    counts, errors = (np.bincount(squares, weights) for weights in (None, wrong.astype(float)))
+    return float(np.sqrt(np.sum((errors - wrong.mean() * counts) ** 2)) / counts.sum())
