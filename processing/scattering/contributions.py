@@ -50,13 +50,22 @@ class Contributions:
     """(N,) number of bounces; 0 for points of volumes and of rough ground."""
     footprints: NDArray[np.bool_]
     """(N,) whether it is a footprint, which grows with wavenumber."""
+    motions_m_s: Floats | None = None
+    """(N, 2, 3) velocities of each and of its image; None where nothing moves."""
 
     def __len__(self) -> int:
         return len(self.amplitudes)
 
     def chosen(self, which: NDArray[np.bool_] | slice) -> Contributions:
         """Some of them."""
-        return Contributions(self.places_m[which], self.amplitudes[which], self.bounces[which], self.footprints[which])
+        motions = None if self.motions_m_s is None else self.motions_m_s[which]
+        return Contributions(
+            self.places_m[which], self.amplitudes[which], self.bounces[which], self.footprints[which], motions
+        )
+
+    def motions(self) -> Floats:
+        """As the kernels read them: (N, 2, 3), or (0, 2, 3) where nothing moves."""
+        return np.zeros((0, 2, 3)) if self.motions_m_s is None else np.ascontiguousarray(self.motions_m_s)
 
     def scattering(
         self, antennas_m: ArrayLike, wavelengths_m: ArrayLike, reference_m: ArrayLike, *, beam: Beam | None = None
@@ -94,8 +103,8 @@ class Contributions:
         return found
 
 
-def of_points(centres_m: Floats, matrices: Complexes) -> Contributions:
-    """Point scatterers (N, 3) with S[rx, tx] (N, 2, 2), sqrt(m^2), as contributions."""
+def of_points(centres_m: Floats, matrices: Complexes, velocity_m_s: Floats | None = None) -> Contributions:
+    """Point scatterers (N, 3) with S[rx, tx] (N, 2, 2), sqrt(m^2), and velocities (N, 3), as contributions."""
     places = np.zeros((len(centres_m), 6, 3))
     places[:, 0] = places[:, 3] = centres_m
     return Contributions(
@@ -103,6 +112,7 @@ def of_points(centres_m: Floats, matrices: Complexes) -> Contributions:
         np.asarray(matrices, dtype=np.complex128),
         np.zeros(len(places), dtype=np.int64),
         np.zeros(len(places), dtype=bool),
+        None if velocity_m_s is None else np.repeat(np.asarray(velocity_m_s, dtype=np.float64)[:, None], 2, axis=1),
     )
 
 
@@ -115,6 +125,11 @@ def together(parts: list[Contributions]) -> Contributions:
         np.concatenate([part.amplitudes for part in parts]),
         np.concatenate([part.bounces for part in parts]),
         np.concatenate([part.footprints for part in parts]),
+        np.concatenate(
+            [np.zeros((len(part), 2, 3)) if part.motions_m_s is None else part.motions_m_s for part in parts]
+        )
+        if any(part.motions_m_s is not None for part in parts)
+        else None,
     )
 
 
@@ -122,7 +137,7 @@ def echoes_reference(
     places: Floats, amplitudes: Complexes, footprints: NDArray[np.bool_], antenna: Floats, wavenumbers: Floats,
     reference: float, beam: Floats, sums: Complexes,
 ) -> None:  # fmt: skip
-    """Sum of all echoes at one antenna place: the definition, in plain NumPy.
+    """Sum of all echoes at one antenna place: the definition, in plain NumPy. Nothing moves.
 
     The integral of ``exp(-j k path)`` over a footprint is its area times two sincs: its path is taken as linear.
 
@@ -155,25 +170,26 @@ def sine_over(x: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def path(place: Floats, antenna: Floats, beam: Floats) -> tuple[float, float, float, float]:
-    """Path there and back, its growth along both edges of a footprint, and gain over the product of the distances."""
-    ox, oy, oz = place[3, 0] - antenna[0], place[3, 1] - antenna[1], place[3, 2] - antenna[2]
-    bx, by, bz = place[0, 0] - antenna[0], place[0, 1] - antenna[1], place[0, 2] - antenna[2]
-    d_out, d_back = math.sqrt(ox * ox + oy * oy + oz * oz), math.sqrt(bx * bx + by * by + bz * bz)
-    ox, oy, oz, bx, by, bz = ox / d_out, oy / d_out, oz / d_out, bx / d_back, by / d_back, bz / d_back
-    across = (
-        ox * place[4, 0] + oy * place[4, 1] + oz * place[4, 2]
-        + bx * place[1, 0] + by * place[1, 1] + bz * place[1, 2]
-    )  # fmt: skip
-    up = (
-        ox * place[5, 0] + oy * place[5, 1] + oz * place[5, 2]
-        + bx * place[2, 0] + by * place[2, 1] + bz * place[2, 2]
-    )  # fmt: skip
+def leg(place: Floats, first: int, antenna: Floats, beam: Floats) -> tuple[float, float, float, float]:
+    """One way between an antenna and a contribution's row ``first`` (0: itself, 3: its image): length, growth along
+    both edges of a footprint, and the antenna's amplitude over the length."""
+    x, y, z = place[first, 0] - antenna[0], place[first, 1] - antenna[1], place[first, 2] - antenna[2]
+    length = math.sqrt(x * x + y * y + z * z)
+    x, y, z = x / length, y / length, z / length
+    across = x * place[first + 1, 0] + y * place[first + 1, 1] + z * place[first + 1, 2]
+    up = x * place[first + 2, 0] + y * place[first + 2, 1] + z * place[first + 2, 2]
     gain = 1.0
     if beam[3] > 0.0:
-        there = max(ox * beam[0] + oy * beam[1] + oz * beam[2], 0.0)
-        gain = (there * max(bx * beam[0] + by * beam[1] + bz * beam[2], 0.0)) ** beam[3]
-    return d_out + d_back, across, up, gain / (d_out * d_back)
+        gain = max(x * beam[0] + y * beam[1] + z * beam[2], 0.0) ** beam[3]
+    return length, across, up, gain / length
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def path(place: Floats, antenna: Floats, beam: Floats) -> tuple[float, float, float, float]:
+    """Path there and back, its growth along both edges of a footprint, and gain over the product of the distances."""
+    out, out_across, out_up, out_gain = leg(place, 3, antenna, beam)
+    back, back_across, back_up, back_gain = leg(place, 0, antenna, beam)
+    return out + back, out_across + back_across, out_up + back_up, out_gain * back_gain
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
