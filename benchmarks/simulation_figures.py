@@ -10,13 +10,16 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from benchmarks.warehouse_fusion import CLASSES, SUN_RAD, Fused, fuse, grid_320x150
+from polfuse_lab.products.fused_colours import colour_of_class, fused_rgb
+from polfuse_lab.products.pauli_space import PauliSpace, space_figure
 from processing.fusion.dolp_relation import agreement_phase, relation
 from processing.polarimetry.pauli import display_components, pauli_vector
 from processing.scene.both_eyes import radar_picture
 from processing.scene.warehouse import warehouse
 
-CLASS_COLOURS = ("#3b6fb6", "#c8443c", "#4b9b4b")
-AXES = ("|HH - VV|", "|HV|", "|HH + VV|", "DOLP")
+CLASS_COLOURS = [colour_of_class(number) for number in range(len(CLASSES))]
+FULL_DOLP = 0.15
+"""DOLP of full colour."""
 
 
 def relation_figure() -> Figure:
@@ -49,10 +52,7 @@ def yard_figure(fused: Fused) -> Figure:
     rgb = np.clip((20 * np.log10(np.maximum(amplitudes, 1e-9)) + 25) / 40, 0, 1).transpose(1, 2, 0)
     s0 = fused.optics.s0 / np.nanpercentile(fused.optics.s0, 99)
     dolp = fused.optics.dolp
-    colour = np.nan_to_num(rgb / np.maximum(rgb.max(axis=-1, keepdims=True), 1e-9))
-    grey = np.clip(s0, 0, 1)[..., None]
-    strength = np.clip(dolp / 0.15, 0, 1)[..., None]
-    overlay = np.clip(grey * (1 - strength) + grey * strength * colour, 0, 1)
+    overlay = np.nan_to_num(fused_rgb(fused.features, s0, full_dolp=FULL_DOLP, white=1.0))
     figure = Figure(figsize=(13.5, 10.0), layout="constrained")
     axes = figure.subplots(3, 2)
     x, y = fused.grid.x_m, fused.grid.y_m
@@ -82,23 +82,10 @@ def yard_figure(fused: Fused) -> Figure:
     return figure
 
 
-def space_figure(fused: Fused, most: int = 1200) -> Figure:
-    """The classes in the space of Pauli components, and with DOLP in place of |HV| (thesis Figs. 7.21, 7.22)."""
-    figure = Figure(figsize=(12.0, 5.6), layout="constrained")
-    random = np.random.default_rng(0)
-    for column, up in enumerate((1, 3)):
-        axes = figure.add_subplot(1, 2, column + 1, projection="3d")
-        for number, name in enumerate(CLASSES):
-            chosen = np.flatnonzero((fused.bodies == number).ravel() & np.isfinite(fused.features[0]).ravel())
-            chosen = random.choice(chosen, min(most, len(chosen)), replace=False)
-            values = fused.features.reshape(4, -1)[:, chosen]
-            axes.scatter(values[2], values[0], values[up], s=3, color=CLASS_COLOURS[number], label=name)
-        axes.set_xlabel(AXES[2])
-        axes.set_ylabel(AXES[0])
-        axes.set_zlabel(AXES[up])
-        axes.set_box_aspect(None, zoom=0.85)
-        axes.legend(markerscale=4)
-    return figure
+def classes_in_space(fused: Fused) -> Figure:
+    """What stands there, in the space of Pauli components and with DOLP (thesis Figs. 7.21, 7.22)."""
+    grid = fused.grid
+    return space_figure(PauliSpace(fused.features, fused.bodies, CLASSES, grid.x_m, grid.y_m), title="")
 
 
 def main() -> None:
@@ -112,7 +99,7 @@ def main() -> None:
     for name, figure in (
         ("dolp-against-pauli", relation_figure()),
         ("warehouse", yard_figure(fused)),
-        ("pauli-space", space_figure(fused)),
+        ("pauli-space", classes_in_space(fused)),
     ):
         figure.savefig(folder / f"{name}.png", dpi=80)
 

@@ -15,7 +15,9 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from polfuse_lab.products import style
+from polfuse_lab.products.fused_colours import colour_of_class, fused_colours_figure, largest_shown
 from polfuse_lab.products.optics import pinhole_of
+from polfuse_lab.products.pauli_space import class_names, load_space, space_figure
 from polfuse_lab.products.store import Products
 from processing.optics.camera_model import Pinhole
 from processing.polarimetry.pauli import display_components, lexicographic_vector, matrix_of_pauli
@@ -41,7 +43,7 @@ def draw_all(products: Products, path: Path | str) -> list[Path]:
     Args:
         products: file with the stage "fusion" and those that it was made from.
         path: where the fused vector goes; the others stand beside it with suffixes ``_pauli``, ``_lexicographic``,
-            ``_classes`` and ``_overlay``.
+            ``_colours``, ``_classes``, ``_space`` and ``_overlay``.
 
     Returns:
         Paths, the fused vector first.
@@ -52,7 +54,9 @@ def draw_all(products: Products, path: Path | str) -> list[Path]:
         "": fused_figure(fusion, settings["features"]),
         "_pauli": pauli_figure(polarimetry),
         "_lexicographic": lexicographic_figure(polarimetry),
+        "_colours": fused_colours_figure(fusion),
         "_classes": class_figure(fusion, settings),
+        "_space": space_figure(load_space(products)),
         "_overlay": both_figure(products),
     }
     return [
@@ -138,7 +142,7 @@ def fused_figure(fusion: Arrays, names: list[str]) -> Figure:
     figure, axes = _ground_panels(x, y, "Fused vector of radar and camera")
     for panel, values, name in zip(axes.flat, fusion["features"], names, strict=True):
         camera = name == "DOLP"
-        high = _top(values) if camera else 1.0
+        high = largest_shown(values) if camera else 1.0
         picture = style.image(panel, values, x, y, low=0.0, high=high, colours="cividis" if camera else style.FRACTION)
         figure.colorbar(picture, ax=panel, label=LABELS.get(name, name), location="bottom", shrink=0.9, pad=0.02)
         style.panel(panel, name)
@@ -158,7 +162,7 @@ def class_figure(fusion: Arrays, settings: Mapping[str, Any]) -> Figure:
     figure = style.new_figure(10.4, float(np.clip(5.4 * aspect + 1.3, 4.4, 6.4)), title="Classes of the fused vector")
     on_ground, in_features = figure.subplots(1, 2, width_ratios=(1.35, 1))
     count = int(fusion["classes"].max()) + 1
-    colours = [style.CLASS_COLOURS[i % len(style.CLASS_COLOURS)] for i in range(count)]
+    colours = [colour_of_class(i) for i in range(count)]
     colour_map = ListedColormap(colours).with_extremes(bad=style.UNDEFINED)
     half_x, half_y = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2
     on_ground.imshow(
@@ -172,8 +176,7 @@ def class_figure(fusion: Arrays, settings: Mapping[str, Any]) -> Figure:
     style.metres(on_ground)
     style.panel(on_ground, "on the ground")
     # A class too small for statistics has no summary, but its pixels are on the map.
-    numbered = [f"class {i + 1}" for i in range(count)]
-    known = {name: settings["classes"].get(name) for name in settings.get("class_names", numbered)[:count]}
+    known = {name: settings["classes"].get(name) for name in class_names(settings, fusion["classes"])[:count]}
     handles = [
         Patch(color=colour, label=name if item is None else f"{name}: {item['mechanism']}, {item['pixels']} px")
         for colour, (name, item) in zip(colours, known.items(), strict=True)
@@ -217,7 +220,7 @@ def overlay_figure(optics: Arrays, polarimetry: Arrays, fusion: Arrays, camera: 
     figure = style.new_figure(9.2, 8.0 * camera.height_px / camera.width_px + 1.0, title=title)
     axes = figure.subplots()
     shade = np.asarray(optics["s0"], dtype=np.float64)
-    picture = style.image(axes, shade, low=0.0, high=_top(shade), colours="gray")
+    picture = style.image(axes, shade, low=0.0, high=largest_shown(shade), colours="gray")
     axes.imshow(np.dstack([hue, opacity]), interpolation="nearest", origin="upper")
     style.colour_bar(picture, axes, "S0 [counts]", extend="max")
     _range_lines(axes, camera, x, y, z_m)
@@ -246,7 +249,7 @@ def ground_overlay_figure(polarimetry: Arrays, fusion: Arrays) -> Figure:
     )
     axes = figure.subplots()
     shade = np.asarray(fusion["s0_on_ground"], dtype=np.float64)
-    picture = style.image(axes, shade, x, y, low=0.0, high=_top(shade), colours="gray")
+    picture = style.image(axes, shade, x, y, low=0.0, high=largest_shown(shade), colours="gray")
     style.image(axes, np.dstack([hue, opacity]), x, y)
     style.colour_bar(picture, axes, "S0 [of white in the sun]", extend="max")
     style.metres(axes, x="x [m]", y="y [m]")
@@ -289,12 +292,6 @@ def _nearest(values: Floats, axis: NDArray[Any]) -> NDArray[np.int64]:
 def _grey(rgb: Floats) -> Floats:
     """Undefined pixels in the house's grey."""
     return np.where(np.isfinite(rgb).all(axis=-1, keepdims=True), rgb, float(style.UNDEFINED))
-
-
-def _top(values: ArrayLike) -> float:
-    finite = np.asarray(values)[np.isfinite(values)]
-    top = float(np.percentile(finite, 99.5)) if finite.size else 1.0
-    return top if top > 0 else 1.0
 
 
 def _ground_panels(x: NDArray[Any], y: NDArray[Any], title: str) -> tuple[Figure, NDArray[Any]]:

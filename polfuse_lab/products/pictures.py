@@ -11,14 +11,28 @@ from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.figures_fusion import pauli_rgb
+from polfuse_lab.products.fused_colours import fused_rgb
+from polfuse_lab.products.pauli_space import class_names
 from polfuse_lab.products.store import Products
 from polfuse_lab.products.style import decibels
 
-Kind = Literal["level", "fraction", "angle", "counts", "number", "classes", "colours"]
+Kind = Literal["level", "fraction", "angle", "counts", "light", "number", "classes", "colours"]
 Arrays = dict[str, NDArray[Any]]
 SPAN_DB = 45.0
 """From the brightest to the darkest level of a radar picture, dB."""
-QUAD = ("HH", "HV", "VH", "VV")
+WHITE = "of white in the sun"
+"""Unit of simulated light."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """The way of something that moved, in the picture's own axes."""
+
+    x: NDArray[np.float64]
+    """(n,) its places in time; an arrow leads from the first to the last."""
+    y: NDArray[np.float64]
+    words: str
+    """Its velocity, or its name and velocity."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +52,8 @@ class Picture:
     """Sensible limits of a colour scale; None: by percentiles."""
     legend: dict[int, str] = field(default_factory=dict)
     """Names of classes."""
+    tracks: tuple[Track, ...] = ()
+    """What moved."""
 
 
 def picture_names(products: Products) -> list[tuple[str, str]]:
@@ -115,14 +131,93 @@ def _optical(arrays: Arrays, settings: dict[str, Any], name: str, part: str, tit
 
 def _fused(arrays: Arrays, settings: dict[str, Any], name: str, part: str, title: str) -> Picture:
     x, y = arrays["x_m"], arrays["y_m"]
+    if part == "colours":
+        colours = np.nan_to_num(fused_rgb(arrays["features"], arrays["s0_on_ground"]) * 255).astype(np.uint8)
+        return Picture(name, title, "colours", colours, "", x, y)
     if part == "classes":
-        legend = dict(enumerate(settings["classes"]))
+        legend = dict(enumerate(class_names(settings, arrays["classes"])))
         return Picture(name, title, "classes", arrays["classes"], "", x, y, legend=legend)
     if part == "dolp_on_ground":
         return Picture(name, title, "fraction", arrays[part], "1", x, y, limits=(0.0, 1.0))
-    light = "1" if settings.get("registration") == "identity" else "counts"
-    unit = {"s0_on_ground": light, "registration_error_px": "px"}.get(part, "1")
-    return Picture(name, title, "counts" if unit == "counts" else "number", arrays[part], unit, x, y)
+    if part == "s0_on_ground":
+        simulated = settings.get("registration") == "identity"
+        kind: Kind = "light" if simulated else "counts"
+        return Picture(name, title, kind, arrays[part], WHITE if simulated else "counts", x, y)
+    unit = "px" if part == "registration_error_px" else "1"
+    return Picture(name, title, "number", arrays[part], unit, x, y)
+
+
+def _moved(arrays: Arrays, settings: dict[str, Any], name: str, part: str, title: str) -> Picture:
+    """A polarizer series between whose exposures something moved, with the way of it."""
+    tracks = _way(arrays, settings)
+    if part == "object":
+        return Picture(
+            name, title, "classes", arrays[part].astype(np.int8) - 1, legend={0: "what moved"}, tracks=tracks
+        )
+    if part.startswith("dolp"):
+        sd = arrays["dolp_sd"] if part == "dolp" else None
+        return Picture(name, title, "fraction", arrays[part], "1", sd=sd, limits=(0.0, 1.0), tracks=tracks)
+    # One scale for both, or the correction would not be seen.
+    top = float(np.nanpercentile(arrays["error_before"], 99.8))
+    return Picture(name, title, "number", arrays[part], "counts", limits=(0.0, max(top, 1e-6)), tracks=tracks)
+
+
+def _way(arrays: Arrays, settings: dict[str, Any]) -> tuple[Track, ...]:
+    """From where the object was at the first exposure to where it was at the last."""
+    rows, columns = np.nonzero(arrays["object"])
+    down, right = np.asarray(settings["displacement_px"], dtype=np.float64).T
+    seconds = float(settings["time_s"][-1]) - float(settings["time_s"][0])
+    if not len(rows) or not seconds > 0:
+        return ()
+    if settings["velocity_m_s"] is not None:
+        vx, vy = settings["velocity_m_s"]
+        words = f"vx {vx:+.2f}, vy {vy:+.2f} m/s"
+    else:
+        words = f"{(right[-1] - right[0]) / seconds:+.1f} px/s right, {(down[-1] - down[0]) / seconds:+.1f} px/s down"
+    return (Track(columns.mean() + right - right[0], rows.mean() + down - down[0], words),)
+
+
+def _simulated(arrays: Arrays, settings: dict[str, Any], name: str, part: str, title: str) -> Picture:
+    """Light and truth of a simulated scene."""
+    x, y = arrays["x_m"], arrays["y_m"]
+    if part == "body":
+        labels, kinds = _kinds(arrays["body"], [str(body["kind"]) for body in settings["bodies"]])
+        tracks = _velocities(arrays, settings["bodies"])
+        return Picture(name, title, "classes", labels, "", x, y, legend=dict(enumerate(kinds)), tracks=tracks)
+    if part == "mechanism":
+        from polfuse_lab.simulation.figures import MECHANISM_NAMES, OVER_NOISE
+
+        powers = np.stack([arrays[f"{mechanism}_m2"] for mechanism in MECHANISM_NAMES])
+        strong = powers.max(axis=0) > OVER_NOISE * float(settings["noise_span_m2"])
+        labels = np.where(strong, powers.argmax(axis=0), -1)
+        return Picture(
+            name, title, "classes", labels, "", x, y, legend=dict(enumerate(MECHANISM_NAMES.values()))
+        )  # fmt: skip
+    if part == "dolp":
+        return Picture(name, title, "fraction", arrays["dolp"], "1", x, y, sd=arrays["dolp_sd"], limits=(0.0, 1.0))
+    if part == "aop":
+        return Picture(name, title, "angle", arrays["aop"] * np.float32(180 / np.pi), "°", x, y, limits=(-90.0, 90.0))
+    return Picture(name, title, "light", arrays["s0"], WHITE, x, y)
+
+
+def _kinds(bodies: NDArray[np.integer], kinds: list[str]) -> tuple[NDArray[np.int64], list[str]]:
+    """The kind of body on each pixel, -1 for none, and the names of the kinds that there are."""
+    present = list(dict.fromkeys(kinds))
+    of_body = np.array([*(present.index(kind) for kind in kinds), -1])
+    return of_body[np.where(bodies < 0, len(kinds), bodies)], present
+
+
+def _velocities(arrays: Arrays, bodies: list[dict[str, Any]]) -> tuple[Track, ...]:
+    """The way of a second of each body that moves and is seen from above."""
+    found = []
+    for number, body in enumerate(bodies):
+        velocity = np.asarray(body.get("velocity_m_s") or (0.0, 0.0, 0.0), dtype=np.float64)
+        rows, columns = np.nonzero(arrays["body"] == number)
+        if len(rows) and np.any(velocity):
+            x, y = float(arrays["x_m"][columns].mean()), float(arrays["y_m"][rows].mean())
+            words = f"{body['name']}: vx {velocity[0]:+.2f}, vy {velocity[1]:+.2f} m/s"
+            found.append(Track(np.array([x, x + velocity[0]]), np.array([y, y + velocity[1]]), words))
+    return tuple(found)
 
 
 def _largest(image: NDArray[np.complexfloating]) -> float:
@@ -135,7 +230,22 @@ _TITLES: dict[str, dict[str, str]] = {
     "calibration": {"*": "Calibrated {}"},
     "polarimetry": {"pauli": "Pauli", "span": "Span"},
     "optics": {"s0": "S0", "dolp": "DOLP", "aop": "AOP"},
+    "motion": {
+        "dolp": "DOLP, motion corrected",
+        "dolp_before": "DOLP as taken",
+        "error_after": "Error image, corrected",
+        "error_before": "Error image as taken",
+        "object": "What moved",
+    },
+    "simulation": {
+        "s0": "S0, simulated",
+        "dolp": "DOLP, simulated",
+        "aop": "AOP, simulated",
+        "body": "Bodies (truth)",
+        "mechanism": "Strongest mechanism (truth)",
+    },
     "fusion": {
+        "colours": "Pauli over S0, DOLP as saturation",
         "classes": "Classes",
         "dolp_on_ground": "DOLP on the ground",
         "s0_on_ground": "S0 on the ground",
@@ -148,5 +258,7 @@ _MAKERS: dict[str, Callable[[Arrays, dict[str, Any], str, str, str], Picture]] =
     "calibration": _calibrated,
     "polarimetry": _polarimetric,
     "optics": _optical,
+    "motion": _moved,
+    "simulation": _simulated,
     "fusion": _fused,
 }

@@ -165,6 +165,8 @@ def _active_optics(products: Products) -> list[Picture]:
 
 def _fusion(products: Products) -> list[Picture]:
     from polfuse_lab.products.figures_fusion import both_figure, class_figure, fused_figure
+    from polfuse_lab.products.fused_colours import fused_colours_figure
+    from polfuse_lab.products.pauli_space import load_space, space_figure
 
     arrays, settings = products.read("fusion"), products.settings("fusion")
     fused = (
@@ -175,6 +177,14 @@ def _fusion(products: Products) -> list[Picture]:
         f"Classes of the fused vector ({settings.get('classifier', 'kmeans')}), and where they lie between two of its "
         "components."
     )
+    colours = (
+        "The mechanism that the radar tells as hue, the camera's degree of linear polarization as saturation, and its "
+        "S0 as brightness, on the ground."
+    )
+    space = (
+        "The same classes by their Pauli components, and with the degree of linear polarization upwards (thesis Figs. "
+        "7.21, 7.22); some points of each."
+    )
     title = "Radar in the camera's picture"
     overlay = "The radar's Pauli composite laid over the camera's picture, with lines of equal ground range."
     if settings.get("registration") == "identity":
@@ -182,7 +192,9 @@ def _fusion(products: Products) -> list[Picture]:
         overlay = "The radar's Pauli composite laid over the camera's picture; both were simulated on this grid."
     return [
         _picture("fusion", "Fused vector", fused, fused_figure(arrays, list(settings["features"]))),
+        _picture("fused-colours", "Radar and camera in one colour", colours, fused_colours_figure(arrays)),
         _picture("classes", "Classes", classes, class_figure(arrays, settings)),
+        _picture("pauli-space", "Classes in the space of Pauli components", space, space_figure(load_space(products))),
         _picture("overlay", title, overlay, both_figure(products)),
     ]
 

@@ -1,9 +1,9 @@
 """Ground that is not flat: where on it a radar pixel's echo comes from, and whether the camera sees that place.
 
 The radar's picture is focused on the plane z = z_m. What it shows at (x, y) has the slant range of that place at
-closest approach, ``R = sqrt(y^2 + z_m^2)``, and lies where the surface has that range. In front of a wall or a steep slope
-several places have it (layover); behind it none is reached (shadow). Along y the surface is a polyline through the
-map's nodes, so that every place is exact for it.
+closest approach, ``R = sqrt(y^2 + z_m^2)``, and lies where the surface has that range. In front of a wall or a steep
+slope several places have it (layover); behind it none is reached (shadow). Along y the surface is a polyline through
+the map's nodes, so that every place is exact for it.
 """
 
 from __future__ import annotations

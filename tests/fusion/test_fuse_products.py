@@ -146,7 +146,7 @@ def test_pictures(products: Path, tmp_path: Path) -> None:
     paths = draw_all(Products(products), tmp_path / "f.png")
     assert [path.name for path in paths] == [
         "f.png",
-        *(f"f_{name}.png" for name in ("pauli", "lexicographic", "classes", "overlay")),
+        *(f"f_{name}.png" for name in ("pauli", "lexicographic", "colours", "classes", "space", "overlay")),
     ]
     for path in paths:
         assert path.read_bytes().startswith(b"\x89PNG")
