@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -10,11 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.store import Products
 from polfuse_lab.raytrace.scene_file import SceneFile, find_scene, read_scene
 from processing.raytrace.backward import backward
 from processing.raytrace.forward import forward, unreachable
 from processing.raytrace.picture import Picture
+from processing.raytrace.planner import TracePlan, trace_to
 
 STAGE = "raytrace"
 DEFAULT_SAMPLES = 64
@@ -30,6 +33,8 @@ class Simulation:
     picture: Picture
     notes: tuple[str, ...]
     """What a reader of the picture should know."""
+    plan: TracePlan | None = None
+    """How a tolerance chose rays and bounces; None where the scene file told them."""
 
 
 def simulate(
@@ -37,6 +42,7 @@ def simulate(
     products: Path | str,
     *,
     figures: Path | str | None = None,
+    tolerance_db: float | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Simulation:
     """Trace a scene file and write the stage ``"raytrace"``.
@@ -48,6 +54,7 @@ def simulate(
         scene: a scene file, or the name of one that comes with the program.
         products: the products file; its other stages are kept.
         figures: folder to draw into; nothing is drawn when left out.
+        tolerance_db: largest error, dB below the picture: chooses samples and bounces in place of the scene's.
         progress: called with the fraction done.
 
     Raises:
@@ -56,7 +63,11 @@ def simulate(
     """
     path = find_scene(str(scene))
     given = read_scene(path)
-    picture, notes = trace(given, path.parent, progress)
+    if tolerance_db is None:
+        plan = None
+        picture, notes = trace(given, path.parent, progress)
+    else:
+        picture, plan, notes = trace_within(given, path, tolerance_db, progress)
     arrays, units = _arrays(picture)
     settings: dict[str, Any] = {
         "scene": given.model_dump(),
@@ -64,6 +75,7 @@ def simulate(
         "rays": picture.rays,
         "error": picture.error,
         "left_out": [asdict(part) for part in picture.left_out],
+        **({} if plan is None else told(plan)),
     }
     store = Products(products)
     store.write(STAGE, arrays, settings=settings, inputs=[path], units=units)
@@ -72,7 +84,7 @@ def simulate(
         from polfuse_lab.raytrace.figures import draw
 
         drawn = draw(picture, Path(figures), path.stem, given.title or path.stem)
-    return Simulation(store.path, drawn, picture, notes)
+    return Simulation(store.path, drawn, picture, notes, plan)
 
 
 def trace(
@@ -100,6 +112,43 @@ def trace(
     if how.error is not None and picture.error > how.error:
         notes.append(f"the error asked for was not reached with {picture.samples} samples for each pixel")
     return picture, tuple(notes)
+
+
+def trace_within(
+    given: SceneFile, path: Path, tolerance_db: float, progress: Callable[[float], None] | None = None
+) -> tuple[Picture, TracePlan, tuple[str, ...]]:
+    """The picture of a scene with rays and bounces by a tolerance. Raises as :func:`simulate`."""
+    how = given.trace
+    if how.method == "forward":
+        raise PolfuseError(
+            "a tolerance chooses rays and bounces of tracing from the camera", where=str(path),
+            advice='leave trace.method = "forward" out, or the tolerance',
+        )  # fmt: skip
+    picture, plan = trace_to(
+        given.world(path.parent), given.camera.view(), tolerance_db, mueller=how.active, seed=how.seed,
+        progress=progress,
+    )  # fmt: skip
+    notes: list[str] = []
+    if not plan.samples:
+        notes.append(f"no light was met by {plan.pilot_rays} rays")
+    elif not plan.reached:
+        notes.append(
+            f"the tolerance of {tolerance_db:g} dB was not reached with {plan.samples} rays of a pixel: "
+            f"{plan.predicted_error_db:.1f} dB are expected"
+        )
+    if plan.caustics:
+        notes.append("what mirrors throw of the sun on other surfaces is met by chance: no error is foretold of it")
+    return picture, plan, tuple(notes)
+
+
+def told(plan: TracePlan) -> dict[str, Any]:
+    """A plan as products and JSON keep it: plain numbers, None where there is no error or no light."""
+    values = {
+        name: getattr(plan, name)
+        for name in ("tolerance_db", "predicted_error_db", "noise_db", "left_out_db", "forecast_db", "bounces")
+    }
+    plain = {name: value if math.isfinite(value) else None for name, value in values.items()}
+    return {**plain, "reached": plan.reached, "explanation": plan.explain()}
 
 
 def _arrays(picture: Picture) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:

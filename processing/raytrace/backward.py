@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from processing.errors import DataError
 from processing.raytrace.backward_kernel import take_samples
-from processing.raytrace.picture import LeftOut, Picture, relative_error, statistics
+from processing.raytrace.picture import LeftOut, Picture, relative_error, statistics, unmet_limit
+from processing.raytrace.sources import KIND, Kind
 from processing.raytrace.view import View
 from processing.raytrace.world import World
 
@@ -41,7 +42,8 @@ def backward(
 
     With ``error`` a first look of :data:`PILOT_SAMPLES` samples measures how much of the picture each source gives
     after each number of reflections. Light whose summed upper limits (3 sigma) stay below :data:`LEFT_OUT_SHARE` of the
-    error is left out, the least first, and reported. Then rounds are added until the standard error is low enough.
+    error is left out, the least first, and reported; so is light that no ray of that look met, with what may hide
+    from so many rays. Then rounds are added until the standard error is low enough.
 
     Args:
         world: the scene.
@@ -71,7 +73,7 @@ def backward(
             f"a Mueller picture of {len(world.sources)} sources mixes their frames", "simulate one source at a time"
         )
     begun = time.perf_counter()
-    run = _Run(world, view, mueller, seed, np.ones((bounces + 1, len(world.sources)), dtype=bool))
+    run = Run(world, view, mueller, seed, np.ones((bounces + 1, len(world.sources)), dtype=bool))
     left_out: tuple[LeftOut, ...] = ()
     if samples is not None:
         _in_pieces(run, samples, progress)
@@ -90,19 +92,20 @@ def backward(
     return Picture(mean, deviation, run.samples, run.rays, time.perf_counter() - begun, left_out)
 
 
-class _Run:
+class Run:
     """A picture in the making."""
 
     def __init__(self, world: World, view: View, mueller: bool, seed: int, wanted: NDArray[np.bool_]) -> None:
-        self.world, self.view, self.seed, self.wanted = world, view.row(), seed, wanted
+        self.world, self.given, self.view, self.seed, self.wanted = world, view, view.row(), seed, wanted
         self.shape = (*view.shape, 4, 4) if mueller else (*view.shape, 4)
         pixels = view.width_px * view.height_px
         self.sums = np.zeros((pixels, 16 if mueller else 4))
         self.squares = np.zeros_like(self.sums)
         self.samples = self.rays = 0
 
-    def add(self, samples: int) -> None:
-        none = np.zeros((0, 0, 0))
+    def add(self, samples: int, shares: Floats | None = None) -> None:
+        """More samples; ``shares`` (of :meth:`shares`) takes what each light gave."""
+        sums, squares = np.zeros((2, 0, 0, 0)) if shares is None else shares
         self.rays += int(
             take_samples(
                 self.world,
@@ -113,57 +116,59 @@ class _Run:
                 samples,
                 self.sums,
                 self.squares,
-                none,
-                none,
+                sums,
+                squares,
             )
         )
         self.samples += samples
 
     def statistics(self) -> tuple[Floats, Floats]:
+        """Mean and its standard error, in the picture's shape."""
         mean, deviation = statistics(self.sums, self.squares, self.samples)
         return mean.reshape(self.shape), deviation.reshape(self.shape)
 
     def look(self, allowed: float) -> tuple[LeftOut, ...]:
         """Measure the shares of sources and bounces with samples of their own, and strike out what does not matter."""
-        pixels = len(self.sums)
-        shares = np.zeros((2, pixels, *self.wanted.shape))
-        sums, squares = np.zeros((2, pixels, 4))
-        self.rays += int(
-            take_samples(
-                self.world,
-                self.view,
-                self.wanted,
-                self.seed + 1,
-                0,
-                PILOT_SAMPLES,
-                sums,
-                squares,
-                shares[0],
-                shares[1],
-            )
-        )
-        level = float(sums[:, 0].mean()) / PILOT_SAMPLES
+        pilot = Run(self.world, self.given, False, self.seed + 1, self.wanted)
+        shares = pilot.shares()
+        pilot.add(PILOT_SAMPLES, shares)
+        self.rays += pilot.rays
+        level = float(pilot.sums[:, 0].mean()) / PILOT_SAMPLES
         if level <= 0:
             return ()
-        limit = _upper_limit(shares[0], shares[1], PILOT_SAMPLES) / level
+        # A lamp has no size: no ray that has not been reflected meets it.
+        lamps = ~np.isin(self.world.sources[:, KIND], (Kind.SUN, Kind.SKY))
+        self.wanted[0, lamps] = False
+        pixels = len(pilot.sums)
+        limit = upper_limit(shares[0, ..., :-1], shares[1, ..., :-1], PILOT_SAMPLES) / level
+        met = shares[0, ..., :-1].any(axis=0)
+        unmet = unmet_limit(math.sqrt(float(pilot.squares[:, 0].max())), level, pixels, PILOT_SAMPLES)
         left_out: list[LeftOut] = []
         total = 0.0
-        for flat in np.argsort(limit, axis=None):
-            bounce, source = np.unravel_index(flat, limit.shape)
+        for flat in np.argsort(limit, axis=None, kind="stable"):
+            bounce, source = (int(n) for n in np.unravel_index(flat, limit.shape))
+            if not self.wanted[bounce, source]:
+                continue
             total += float(limit[bounce, source])
             if total > allowed:
                 break
             self.wanted[bounce, source] = False
-            left_out.append(LeftOut(int(bounce), int(source), float(limit[bounce, source])))
+            seen = bool(met[bounce, source])
+            error = float(limit[bounce, source]) if seen else unmet
+            left_out.append(LeftOut(bounce, source, error, seen, pixels * PILOT_SAMPLES))
         return tuple(left_out)
 
+    def shares(self) -> Floats:
+        """Room for what each source gives after each number of reflections, and its squares (see :meth:`add`)."""
+        return np.zeros((2, len(self.sums), self.wanted.shape[0], self.wanted.shape[1] + 1))
 
-def _upper_limit(sums: Floats, squares: Floats, samples: int) -> Floats:
+
+def upper_limit(sums: Floats, squares: Floats, samples: int) -> Floats:
     """Upper limit (bounces + 1, sources) of each share's rms over pixels: mean squares without their noise, + 3 sd.
 
     ``sum_i x_i^2 - noise_i`` over pixels is an unbiased estimate of the squares; what it may miss is judged by the
-    fluctuation of the pixels' values. A share that was never seen at all has the limit 0 (it may be seen by one path in
-    more than ``pixels * samples``).
+    fluctuation of the pixels' values. A share that was never seen at all has the limit 0: what that is worth is told by
+    :func:`processing.raytrace.picture.unmet_limit`.
     """
     mean, error = statistics(sums, squares, samples)
     unbiased = mean * mean - error * error
@@ -172,7 +177,7 @@ def _upper_limit(sums: Floats, squares: Floats, samples: int) -> Floats:
     return np.asarray(np.sqrt(np.maximum(unbiased.mean(axis=0) + 3 * spread, 0.0)))
 
 
-def _in_pieces(run: _Run, samples: int, progress: Callable[[float], None] | None) -> None:
+def _in_pieces(run: Run, samples: int, progress: Callable[[float], None] | None) -> None:
     """All samples, in pieces of about a million paths so that progress is told and Ctrl-C is heard."""
     piece = max(1, 1_000_000 // max(len(run.sums), 1))
     while run.samples < samples:

@@ -150,7 +150,8 @@ def follow(
         ox, oy, oz, dx, dy, dz: the ray; ``xx, xy, xz`` its Stokes axis.
         t, stack, entry: scratch.
         value: (4,) or (16,).
-        shares: (bounces + 1, sources) that takes S0 by reflections and source, or (0, 0).
+        shares: (bounces + 1, sources + 1) that takes S0 by reflections and source, and in its last column how often a
+            ray went on after so many reflections; or (0, 0).
     """
     bounces = len(wanted) - 1
     count = len(world.sources)
@@ -170,6 +171,8 @@ def follow(
     rays = 0
     for bounce in range(last + 1):
         rays += 1
+        if len(shares):
+            shares[bounce, count] += 1.0
         triangle, ox, oy, oz, nx, ny, nz = next_surface(world, stack, entry, ox, oy, oz, dx, dy, dz, skip)
         if triangle < 0:
             _escaped(world, wanted, bounce, t, dx, dy, dz, xx, xy, xz, density, value, shares)
@@ -268,7 +271,7 @@ def take_samples(
         first_sample: number of the first sample: those before have been taken.
         samples: how many to add.
         sums, squares: (pixels, 4 or 16).
-        share_sums, share_squares: (pixels, bounces + 1, sources), or no pixels.
+        share_sums, share_squares: (pixels, bounces + 1, sources + 1) as in :func:`follow`, or no pixels.
     """
     columns = int(view[13])
     pixels = len(sums)
@@ -281,7 +284,7 @@ def take_samples(
         entry = np.empty(STACK, dtype=np.float64)
         t = np.empty((4, 4))
         value = np.empty(components)
-        shares = np.zeros((len(wanted), wanted.shape[1])) if len(share_sums) else np.zeros((0, 0))
+        shares = np.zeros((len(wanted), wanted.shape[1] + 1)) if len(share_sums) else np.zeros((0, 0))
         rays = 0
         for pixel in range(number * block, min((number + 1) * block, pixels)):
             column, row = pixel % columns, pixel // columns

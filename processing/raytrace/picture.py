@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,33 @@ class LeftOut:
     source: int
     """Number of the source, from 0."""
     error: float
-    """Upper limit (3 sigma) of its rms over the picture, of the mean S0."""
+    """Upper limit of its rms over the picture, of the mean S0: by 3 sigma of what was measured. Of light that no ray
+    met by the rule of three (95 %), all of it in one pixel and no brighter than the brightest that any ray met."""
+    met: bool = True
+    """Whether any ray of the first look met it."""
+    rays: int = 0
+    """Rays of that look, all pixels together."""
+
+    def words(self) -> str:
+        """How sure it is that this does not matter."""
+        if self.met:
+            return f"below {100 * self.error:.2g} %"
+        return f"not met by {self.rays} rays, below {100 * self.error:.2g} % at 95 %"
+
+
+def unmet_limit(brightest: float, level: float, pixels: int, samples: int) -> float:
+    """Largest rms, of the mean S0, of light that no ray met, at 95 %.
+
+    Of n rays that all miss, the chance to meet is below 3 / n (rule of three: ``0.05 = (1 - p)^n``). All of it in one
+    pixel, which is where its rms is largest, that pixel's mean is ``3 / samples`` of the value that a ray brings.
+
+    Args:
+        brightest: largest value that a ray brings, here the largest that any ray brought.
+        level: mean S0 of the picture.
+        pixels: of the picture.
+        samples: rays of each.
+    """
+    return -math.log(0.05) / samples * brightest / (level * math.sqrt(pixels))
 
 
 @dataclass(frozen=True)

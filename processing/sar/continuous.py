@@ -46,7 +46,9 @@ class SweepMotion:
     still_error_db: float
     """Bound of the image's relative error where motion is left out; -inf where nothing moves."""
     left_out_db: float
-    """The same of what is never modelled (the quadratic phase within a ramp)."""
+    """What the whole model still leaves of a target at the target's own place, where it is the phase quadratic within
+    a ramp; beside it a passing radar's response has another shape, which the matched filter has as well. -inf where
+    nothing moves."""
     reason: str
     """One sentence for the user."""
 
