@@ -20,7 +20,7 @@ from processing.errors import DataError
 from processing.radar.phase_history import PhaseHistory
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 from processing.sar.gridding import Kernel
-from processing.scattering.contributions import ISOTROPIC, Beam, Contributions, path, sine_over
+from processing.scattering.contributions import ISOTROPIC, Beam, Contributions, leg, sine_over
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -72,6 +72,7 @@ def phase_history(
     *,
     segments: int = 1,
     beam: Beam | None = None,
+    time_s: Floats | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> PhaseHistory:
     """Echoes of a scene along a track.
@@ -83,6 +84,8 @@ def phase_history(
         sweep: frequencies.
         segments: equal parts of the track; within one, what is lit (not its path and pattern) is that of its middle.
         beam: the antennas' pattern; isotropic if left out.
+        time_s: (pulses,) when the pulses are sent: what moves is where ``seen`` tells it in the middle of each segment.
+            Nothing moves where it is left out. Platform and bodies stand still within a pulse.
         progress: called with the fraction done.
 
     Returns:
@@ -94,6 +97,9 @@ def phase_history(
     track = np.ascontiguousarray(track_m, dtype=np.float64)
     if track.ndim != 2 or track.shape[1] != 3 or not 1 <= segments <= len(track):
         raise DataError(f"a track of shape {track.shape} in {segments} segments", "give (pulses, 3), a segment or more")
+    time = np.zeros(len(track)) if time_s is None else np.ascontiguousarray(time_s, dtype=np.float64)
+    if time.shape != (len(track),):
+        raise DataError(f"times of shape {time.shape} for {len(track)} pulses", "give one for each pulse")
     reference = np.linalg.norm(track - np.asarray(reference_m, dtype=np.float64), axis=1)
     row = ISOTROPIC if beam is None else beam.row()
     weights = KERNEL.weights((np.arange(STEPS + 1)) / STEPS)
@@ -104,8 +110,9 @@ def phase_history(
     echoes = np.empty((len(CHANNELS), len(track), sweep.count), dtype=np.complex64)
     k = 2 * np.pi / sweep.wavelength_m
     for number, pulses in enumerate(np.array_split(np.arange(len(track)), segments)):
-        part = seen(track[pulses[len(pulses) // 2]])
-        _check_depth(part, track[pulses], reference[pulses], sweep)
+        middle = pulses[len(pulses) // 2]
+        part, since = seen(track[middle]), time[pulses] - time[middle]
+        _check_depth(part, track[pulses], reference[pulses], since, sweep)
         total = np.zeros((3, len(pulses), sweep.count), dtype=np.complex128)
         for grows in (True, False):
             chosen = part.chosen(part.footprints == grows)
@@ -113,7 +120,7 @@ def phase_history(
                 continue
             spread = np.zeros((len(pulses), 3, length), dtype=np.complex128)
             spread_echoes(
-                chosen.places_m, chosen.amplitudes, grows, track[pulses], reference[pulses], k,
+                chosen.places_m, chosen.motions(), chosen.amplitudes, grows, track[pulses], since, reference[pulses], k,
                 sweep.step_hz / SPEED_OF_LIGHT_M_S * length, row, weights, spread,
             )  # fmt: skip
             spectrum = scipy.fft.fft(spread, axis=2)[:, :, order % length] * undone
@@ -151,13 +158,14 @@ def segments_needed(track_m: Floats, reference_m: Floats, turn_rad: float) -> in
     return int(min(max(1, math.ceil(float(steps.sum()) / turn_rad)), len(track_m)))
 
 
-def _check_depth(part: Contributions, track: Floats, reference: Floats, sweep: Sweep) -> None:
+def _check_depth(part: Contributions, track: Floats, reference: Floats, since: Floats, sweep: Sweep) -> None:
     if not len(part):
         return
     reach = 0.0
+    footprint, image = part.motions().transpose(1, 0, 2) if part.motions_m_s is not None else np.zeros((2, 1, 3))
     for pulse in (0, len(track) // 2, len(track) - 1):
-        out = np.linalg.norm(part.places_m[:, 3] - track[pulse], axis=1)
-        back = np.linalg.norm(part.places_m[:, 0] - track[pulse], axis=1)
+        out = np.linalg.norm(part.places_m[:, 3] + image * since[pulse] - track[pulse], axis=1)
+        back = np.linalg.norm(part.places_m[:, 0] + footprint * since[pulse] - track[pulse], axis=1)
         reach = max(reach, float(np.abs((out + back) / 2 - reference[pulse]).max()))
     allowed = SPEED_OF_LIGHT_M_S / (4 * sweep.step_hz)
     if reach > allowed:
@@ -169,15 +177,16 @@ def _check_depth(part: Contributions, track: Floats, reference: Floats, sweep: S
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def spread_echoes(
-    places: Floats, amplitudes: Complexes, grows: bool, track: Floats, reference: Floats, wavenumber: float,
-    samples_per_m: float, beam: Floats, weights: Floats, spread: Complexes,
+    places: Floats, motions: Floats, amplitudes: Complexes, grows: bool, track: Floats, since: Floats,
+    reference: Floats, wavenumber: float, samples_per_m: float, beam: Floats, weights: Floats, spread: Complexes,
 ) -> None:  # fmt: skip
     """Add echoes, at the centre frequency, to samples of delay around their own.
 
     Args:
-        places, amplitudes: of contributions.
+        places, motions, amplitudes: of contributions.
         grows: footprints (True) or points.
         track: (P, 3) m.
+        since: (P,) time since contributions were at their places, s.
         reference: (P,) range that phases are counted from, m.
         wavenumber: of the centre, 1/m.
         samples_per_m: samples of delay in a metre of path.
@@ -187,10 +196,19 @@ def spread_echoes(
     """
     length, taps = spread.shape[2], weights.shape[1]
     steps = len(weights) - 1
+    moving = len(motions) > 0
     for p in numba.prange(len(track)):
+        # What moves is left where it is, and the antenna moved the other way.
+        there, here = track[p].copy(), track[p].copy()
         for n in range(len(places)):
-            way, across, up, even = path(places[n], track[p], beam)
-            way -= 2.0 * reference[p]
+            if moving:
+                for axis in range(3):
+                    there[axis] = track[p, axis] - since[p] * motions[n, 1, axis]
+                    here[axis] = track[p, axis] - since[p] * motions[n, 0, axis]
+            out, out_across, out_up, out_gain = leg(places[n], 3, there, beam)
+            back, back_across, back_up, back_gain = leg(places[n], 0, here, beam)
+            across, up, even = out_across + back_across, out_up + back_up, out_gain * back_gain
+            way = out + back - 2.0 * reference[p]
             if grows:
                 even *= wavenumber * sine_over(0.5 * wavenumber * across) * sine_over(0.5 * wavenumber * up)
             angle = wavenumber * way

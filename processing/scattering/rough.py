@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from processing.errors import DataError
 from processing.scattering.contributions import Contributions, of_points
-from processing.scattering.surfaces import RadarSurface, rough_backscatter
+from processing.scattering.surfaces import Backscatter, RadarSurface, rough_backscatter
 from processing.scattering.target import Target
 
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
 MOST_POINTS = 5_000_000
 
@@ -32,7 +33,7 @@ def rough_points(
         surfaces: what they are made of; smooth ones and conductors are left out.
         antenna_m: (3,) m.
         per_m2: points on a square metre: several in each resolution cell.
-        seed: of places and amplitudes.
+        seed: of places and amplitudes; a point has both wherever it is seen from.
 
     Raises:
         DataError: a density that is not positive, or more than :data:`MOST_POINTS` points.
@@ -56,12 +57,15 @@ def rough_points(
     u, v = random.random(count), random.random(count)
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
     points = corners[triangle, 0] + u[:, None] * edges[0][triangle] + v[:, None] * edges[1][triangle]
+    # Drawn for all points: each keeps its own wherever it is looked at from.
+    dipoles, once, angle = _normal(random, count), _normal(random, count), random.uniform(0, np.pi, count)
     normals = target.world.normals[triangle]
     away = points - antenna
     way = away / np.linalg.norm(away, axis=1, keepdims=True)
     normals = normals * np.where(np.sum(normals * way, axis=1) > 0, -1.0, 1.0)[:, None]
     seen = visible(target, antenna, points + target.world.margin * normals, skip=triangle)
     points, normals, way, triangle = points[seen], normals[seen], way[seen], triangle[seen]
+    dipoles, once, angle = dipoles[seen], once[seen], angle[seen]
     share = float(area.sum()) / count
     matrices = np.zeros((len(points), 2, 2), dtype=np.complex128)
     material = target.world.material[triangle]
@@ -69,8 +73,9 @@ def rough_points(
     for number in np.unique(material):
         chosen = material == number
         told = rough_backscatter(surfaces[number], incidence[chosen], 2 * np.pi / target.wavenumber)
-        matrices[chosen] = np.sqrt(share) * _random(random, told.hh, told.vv, told.hv)
-    return of_points(points, _turned(matrices, way, normals))
+        matrices[chosen] = np.sqrt(share) * _scattering(told, dipoles[chosen], once[chosen], angle[chosen])
+    velocity = target.velocity[triangle] if len(target.velocity) else None
+    return of_points(points, _turned(matrices, way, normals), velocity)
 
 
 def visible(
@@ -80,23 +85,22 @@ def visible(
     return ~target.world.tree.occluded(points, antenna - points, np.ones(len(points)), skip)
 
 
-def _random(random: np.random.Generator, hh: Floats, vv: Floats, hv: Floats) -> NDArray[np.complex128]:
-    """Matrices (N, 2, 2) whose mean powers are those told."""
+def _normal(random: np.random.Generator, count: int) -> Complexes:
+    """Complex normal numbers of mean power 1."""
+    return np.asarray((random.standard_normal(count) + 1j * random.standard_normal(count)) / np.sqrt(2))
 
-    def normal() -> NDArray[np.complex128]:
-        return np.asarray((random.standard_normal(len(hh)) + 1j * random.standard_normal(len(hh))) / np.sqrt(2))
 
+def _scattering(told: Backscatter, dipoles: Complexes, once: Complexes, angle: Floats) -> Complexes:
+    """Matrices (N, 2, 2) whose mean powers are those told, of random amplitudes (N,) and angles of dipoles."""
     # A dipole turned at random across the sight has co-polarized powers of 3/8 and a cross-polarized one of 1/8.
-    angle = random.uniform(0, np.pi, len(hh))
     along = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    matrices = (np.sqrt(8 * hv) * normal())[:, None, None] * along[:, :, None] * along[:, None, :]
-    once = normal()
-    matrices[:, 0, 0] += once * np.sqrt(np.maximum(hh - 3 * hv, 0))
-    matrices[:, 1, 1] += once * np.sqrt(np.maximum(vv - 3 * hv, 0))
+    matrices = (np.sqrt(8 * told.hv) * dipoles)[:, None, None] * along[:, :, None] * along[:, None, :]
+    matrices[:, 0, 0] += once * np.sqrt(np.maximum(told.hh - 3 * told.hv, 0))
+    matrices[:, 1, 1] += once * np.sqrt(np.maximum(told.vv - 3 * told.hv, 0))
     return np.asarray(matrices)
 
 
-def _turned(matrices: NDArray[np.complex128], way: Floats, normals: Floats) -> NDArray[np.complex128]:
+def _turned(matrices: Complexes, way: Floats, normals: Floats) -> Complexes:
     """From the surfaces' own horizontal (across ray and normal) to the radar's (across ray and z)."""
     h = np.stack([way[:, 1], -way[:, 0], np.zeros(len(way))], axis=-1)
     h /= np.maximum(np.linalg.norm(h, axis=1, keepdims=True), 1e-12)

@@ -102,14 +102,17 @@ def shoot(target: Target, antenna_m: ArrayLike, reference_m: ArrayLike, density:
         places = np.empty((capacity, 6, 3))
         amplitudes = np.empty((capacity, 2, 2), dtype=np.complex128)
         kinds = np.empty((capacity, 3), dtype=np.int64)
+        motions = np.empty((capacity if len(target.velocity) else 0, 2, 3))
         count, rays = shoot_tubes(
-            target, antenna, window, 0, rows, columns, density.levels, density.bounces, places, amplitudes, kinds
-        )
+            target, antenna, window, 0, rows, columns, density.levels, density.bounces, places, amplitudes, kinds,
+            motions,
+        )  # fmt: skip
         if count <= capacity:
             break
         capacity = count
     places, amplitudes, kinds = places[:count].copy(), amplitudes[:count].copy(), kinds[:count]
-    found = Contributions(places, amplitudes, kinds[:, 0].copy(), np.ones(count, dtype=bool))
+    moves = motions[:count].copy() if len(motions) else None
+    found = Contributions(places, amplitudes, kinds[:, 0].copy(), np.ones(count, dtype=bool), moves)
     area = np.linalg.norm(np.cross(places[:, 1], places[:, 2]), axis=1)
     parted = float(area[kinds[:, 2] == 0].sum() / area.sum()) if count else 0.0
     return Shot(found, int(rays), parted, _curvature(places, antenna, target.wavenumber))

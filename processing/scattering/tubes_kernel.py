@@ -223,9 +223,31 @@ def _write_place(antenna: Floats, direction: Floats, bounce: int, points: Floats
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def _write_motion(velocity: Floats, bounce: int, triangles: Indices, normals: Floats, motion: Floats) -> None:
+    """Velocities (2, 3) of a footprint and of its image.
+
+    A footprint on a body moves with it; one on what stands follows, in its plane, the last moving body that sends the
+    waves there. Mirrored in a plane of normal n and velocity w, a velocity u becomes ``u - 2 n n.(u - w)``.
+    """
+    last = bounce
+    while last > 0 and not (velocity[triangles[last]] != 0.0).any():
+        last -= 1
+    v = velocity[triangles[last]]
+    normal = normals[bounce]
+    off = 0.0 if last == bounce else _dot(normal, v)
+    for axis in range(3):
+        motion[0, axis] = motion[1, axis] = v[axis] - off * normal[axis]
+    for b in range(bounce - 1, -1, -1):
+        n, w = normals[b], velocity[triangles[b]]
+        off = _dot(n, motion[1]) - _dot(n, w)
+        for axis in range(3):
+            motion[1, axis] -= 2 * off * n[axis]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def shoot_tubes(
     target: Target, antenna: Floats, window: Floats, first_row: int, last_row: int, columns: int, levels: int,
-    most: int, places: Floats, amplitudes: Complexes, kinds: Indices,
+    most: int, places: Floats, amplitudes: Complexes, kinds: Indices, motions: Floats,
 ) -> tuple[int, int]:  # fmt: skip
     """Follow the tubes of some rows of a window, and write what lights up.
 
@@ -240,6 +262,8 @@ def shoot_tubes(
             the way from the antenna is straight, m.
         amplitudes: (capacity, 2, 2) filled with S[rx, tx] over wavenumber of an evenly lit footprint, m^2.
         kinds: (capacity, 3) filled with: bounces, plane, 1 where the tube was whole.
+        motions: (capacity, 2, 3) filled with the velocities of footprint and image, m/s; (0, 2, 3) where nothing
+            moves.
 
     Returns:
         How many there are (places beyond the capacity are counted, not written), and rays followed.
@@ -328,6 +352,8 @@ def shoot_tubes(
                         kinds[count, 0] = b + 1
                         kinds[count, 1] = target.plane[triangles[b]]
                         kinds[count, 2] = 1 if whole else 0
+                        if len(motions):
+                            _write_motion(target.velocity, b, triangles, normals, motions[count])
                     if write:
                         count += 1
     return count, rays

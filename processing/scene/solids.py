@@ -57,6 +57,17 @@ class Solid:
     parts: tuple[Part, ...]
     clouds: tuple[Bush, ...] = ()
     """Thin dipoles that scatter radar waves and nothing else."""
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Steady, without turning; the body is at its place at time 0."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether it does."""
+        return any(self.velocity_m_s)
+
+    def at(self, time_s: float) -> Solid:
+        """Where it is then."""
+        return self.placed(np.asarray(self.velocity_m_s) * time_s) if self.moves and time_s else self
 
     def placed(self, position_m: ArrayLike, turn_rad: float = 0.0) -> Solid:
         """The body turned about z through the origin, then moved by (3,), m."""
@@ -75,7 +86,7 @@ class Solid:
                     cloud.seed,
                 )
             )
-        return Solid(self.name, self.kind, parts, tuple(clouds))
+        return Solid(self.name, self.kind, parts, tuple(clouds), self.velocity_m_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +114,15 @@ class SolidScene:
                     raise DataError(
                         f"'{solid.name}' is of '{part.substance}'", f"the scene's substances are {', '.join(names)}"
                     )
+
+    @property
+    def speed_m_s(self) -> float:
+        """Of the fastest body; 0 where nothing moves."""
+        return max(float(np.linalg.norm(solid.velocity_m_s)) for solid in self.solids)
+
+    def at(self, time_s: float) -> SolidScene:
+        """The scene at an instant."""
+        return SolidScene(self.name, self.substances, tuple(solid.at(time_s) for solid in self.solids))
 
     def mesh(self, *, radar: bool = False) -> tuple[Triangles, NDArray[np.int64]]:
         """All triangles and the body (T,) that each belongs to; materials are numbers of ``substances``.
@@ -135,17 +155,21 @@ class SolidScene:
 
     def target(self, wavelength_m: float) -> Target:
         """As the radar's rays meet it. Raises :class:`DataError` for a wavelength that is not positive."""
-        return radar_target(self.mesh(radar=True)[0], self.radar_surfaces, wavelength_m)
+        mesh, owner = self.mesh(radar=True)
+        velocity = np.array([solid.velocity_m_s for solid in self.solids], dtype=np.float64)[owner]
+        return radar_target(mesh, self.radar_surfaces, wavelength_m, velocity if velocity.any() else None)
 
     def volumes(self, target: Target, antenna_m: ArrayLike) -> Contributions:
         """The dipoles of all clouds that an antenna (3,) sees past the bodies."""
         antenna = np.asarray(antenna_m, dtype=np.float64)
         centres, matrices = [np.zeros((0, 3))], [np.zeros((0, 2, 2), dtype=np.complex128)]
+        velocities = [np.zeros((0, 3))]
         for solid in self.solids:
             for bush in solid.clouds:
                 cloud = bush_cloud(bush)
                 centres.append(cloud.centres_m)
                 matrices.append(dipole_scattering(cloud, antenna))
-        points, scattering = np.concatenate(centres), np.concatenate(matrices)
+                velocities.append(np.tile(np.asarray(solid.velocity_m_s, dtype=np.float64), (len(cloud.centres_m), 1)))
+        points, scattering, velocity = np.concatenate(centres), np.concatenate(matrices), np.concatenate(velocities)
         seen = visible(target, antenna, points) if len(points) else np.zeros(0, dtype=bool)
-        return of_points(points[seen], scattering[seen])
+        return of_points(points[seen], scattering[seen], velocity[seen] if velocity.any() else None)
