@@ -16,7 +16,8 @@ from polfuse_lab.live.board import Board
 from polfuse_lab.live.listening import level_db
 from polfuse_lab.plans import Plan
 from polfuse_lab.products.antennas import antenna_pairs
-from polfuse_lab.products.focus import DEFAULT_X_M, DEFAULT_Y_M, FAR_MARGIN_CELLS, PIXELS_PER_CELL
+from polfuse_lab.products.focus import DEFAULT_X_M, DEFAULT_Y_M, PIXELS_PER_CELL
+from polfuse_lab.products.rail_options import FAR_MARGIN_CELLS
 from polfuse_lab.records import SUPERSEDED, SweepFlag, Sweeps
 from polfuse_lab.rig import Rig
 from processing.polarimetry.pauli import display_components, pauli_vector

@@ -4,40 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import math
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.products.antennas import check_method
-from polfuse_lab.products.focus_grids import axes_of, peaks_on, plane_of, told
 from polfuse_lab.products.focus_history import focus_history, holds_history, read_history, scene_grid
-from polfuse_lab.products.focus_parts import (
-    Span,
-    along_the_rail,
-    focus_settings,
-    furthest_m,
-    ranging_settings,
-    step_m,
-    warnings_of,
-)
-from polfuse_lab.products.focus_plan import refocus, task_before, task_of
+from polfuse_lab.products.focus_rail import focus_rail
 from polfuse_lab.products.focus_result import FocusResult
-from polfuse_lab.products.forming import form_channels, position_weights
-from polfuse_lab.products.ranging import range_profiles
-from polfuse_lab.products.store import Products
-from polfuse_lab.products.visits import target_positions
+from polfuse_lab.products.rail_options import RailOptions
 from polfuse_lab.session import Session, open_session
-from polfuse_lab.session.runs import gapless_runs
-from processing.radar.profiles import RangeProfiles
-from processing.sar.aperture import alias_free_angle_rad
-from processing.sar.footprint import ImageFlag, footprint_flags
 from processing.sar.grid import Grid, ImageGrid
-from processing.sar.planner import choose
-from processing.sar.planner_words import explain
 from processing.sar.resolution import point_resolution
 
 if TYPE_CHECKING:
@@ -49,8 +27,6 @@ MOST_PIXELS = 10_000_000_000
 """Pixels of an image, at most: beyond is a slip of the pen."""
 PIXELS_PER_CELL = 4
 """Pixels in the narrowest -3 dB width of the grid, at least."""
-FAR_MARGIN_CELLS = 10
-"""Resolution cells by which profiles reach beyond the image, for interpolation and its edge."""
 
 
 def default_grid(
@@ -176,10 +152,10 @@ def focus(
             session = stack.enter_context(open_session(session))
         if not holds_history(session):
             window, aperture = window or "hann", aperture or "rectangular"
-            return _focus_rail(
-                session, products_path, method, tolerance_db, grid, window, aperture, oversampling, compensate_pattern,
-                sky, peaks, target, autofocus, scale,
-            )  # fmt: skip
+            asked = RailOptions(
+                method, tolerance_db, window, aperture, oversampling, compensate_pattern, sky, peaks, target, autofocus
+            )
+            return focus_rail(session, products_path, default_grid(session) if grid is None else grid, asked, scale)
         plane = _plane_of_history(session, grid, sky=sky, target=target, autofocus=autofocus, scale=scale)
         given = {"window": window, "aperture": aperture, "oversampling": oversampling}
         chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
@@ -205,153 +181,4 @@ def _plane_of_history(session: Session, grid: Grid | None, **options: object) ->
         "holds a phase history, which is focused onto a plane",
         where=str(session.path),
         advice="leave polar grids and heights out",
-    )
-
-
-def _in_one_piece(reason: str, where: str) -> PolfuseError:
-    return PolfuseError(reason, where=where, advice="leave limits of memory, tiles and --dask out, or focus without it")
-
-
-def _focus_rail(
-    session: Session,
-    products_path: Path | str,
-    method: str,
-    tolerance_db: float,
-    grid: Grid | None,
-    window: str,
-    aperture: str,
-    oversampling: int | None,
-    compensate_pattern: bool,
-    sky: Path | str | None,
-    peaks: int,
-    target: str | None,
-    autofocus: str | None,
-    scale: Scale | None,
-) -> FocusResult:
-    """A session that was collected along a rail."""
-    begun = time.perf_counter()
-    form_on: Grid = default_grid(session) if grid is None else grid
-    grid = plane_of(form_on)
-    if grid is not form_on:
-        if scale is not None:
-            raise _in_one_piece("polar images and heights are focused in one piece", "image grid")
-        method = "bp" if method == "auto" else method
-    rig = session.rig
-    if rig is None:
-        raise PolfuseError("has no rig file", where=str(session.path), advice="focus a session collected along a rail")
-    check_method(rig, method)
-    from polfuse_lab.scale import focus_tiles, plan
-
-    here = grid is form_on and method in ("auto", "bp") and autofocus is None
-    if scale is None and here and plan.needs_tiles(session, grid):
-        scale = focus_tiles.Scale()
-    if scale is not None:
-        if autofocus is not None:
-            raise _in_one_piece("autofocus looks at the whole image at once", "autofocus")
-        return focus_tiles.focus_in_tiles(
-            session,
-            products_path,
-            grid,
-            scale,
-            method=method,
-            tolerance_db=tolerance_db,
-            window=window,
-            aperture=aperture,
-            oversampling=oversampling,
-            compensate_pattern=compensate_pattern,
-            sky=sky,
-            peaks=peaks,
-            target=target,
-        )
-    if oversampling is None:
-        ahead = task_before(session, grid, window, compensate_pattern, furthest_m(session, grid))
-        oversampling = round(choose(ahead, tolerance_db, method).oversampling)
-    ranging: dict[str, Any] = {
-        "window": window,
-        "oversampling": oversampling,
-        "max_range_m": furthest_m(session, grid) + FAR_MARGIN_CELLS * rig.waveform.range_resolution_m,
-        "range_compensated": True,
-    }
-    options = dict(ranging)
-    if sky is not None:
-        options["reference"] = range_profiles(sky, **{**ranging, "range_compensated": False})
-        options["coupling"] = "reference"
-    positions = None if target is None else target_positions(session, target)
-    profiles = along_the_rail(range_profiles(session, **options, positions=positions), session)
-    beamwidth = math.radians(rig.geometry.beamwidth_deg) if compensate_pattern else None
-    depression = math.radians(rig.geometry.antenna_elevation_deg)
-    weights = position_weights(profiles, aperture, passes=bool(gapless_runs(session)))
-    refocused = refocus(profiles, grid, weights, autofocus, beamwidth, depression)
-    profiles = refocused.profiles
-    task = task_of(profiles, grid, oversampling, beamwidth is not None)
-    choice = choose(task, tolerance_db, method)
-    image = form_channels(profiles, form_on, choice, weights, beamwidth, depression)
-    flags = footprint_flags(
-        form_on,
-        beamwidth_rad=beamwidth,
-        depression_rad=depression,
-        alias_free_rad=alias_free_angle_rad(step_m(profiles), profiles.wavelength_m),
-        undefined=~np.isfinite(image).all(axis=0),
-    )
-    image[:, (flags & ImageFlag.OUTSIDE_BEAM) != 0] = np.nan
-    warnings = warnings_of(profiles, grid, choice, tolerance_db) + refocused.warnings
-    settings = focus_settings(
-        profiles,
-        grid,
-        choice,
-        weights,
-        window=window,
-        aperture=aperture,
-        oversampling=oversampling,
-        tolerance_db=tolerance_db,
-        target=target,
-        beamwidth_rad=beamwidth,
-        depression_rad=depression,
-        warnings=warnings,
-        autofocus=refocused.told,
-    )
-    settings |= told(form_on)
-    ranging |= ranging_settings(profiles, session, sky is not None)
-    inputs = [session.path] if sky is None else [session.path, Path(sky)]
-    _write(Products(products_path), profiles, form_on, image, flags, ranging, settings, inputs)
-    strongest = peaks_on(form_on, Span(image), profiles, peaks)
-    return FocusResult(
-        products=Path(products_path),
-        image=image,
-        grid=grid,
-        channels=profiles.channels,
-        choice=choice,
-        explanation=tuple(explain(task, choice, tolerance_db)),
-        settings=settings,
-        pulses=len(profiles.antenna_m),
-        seconds=time.perf_counter() - begun,
-        peaks=strongest,
-        warnings=warnings,
-    )
-
-
-def _write(
-    products: Products,
-    profiles: RangeProfiles,
-    grid: Grid,
-    image: NDArray[np.complexfloating],
-    flags: NDArray[np.uint8],
-    ranging: dict[str, Any],
-    settings: dict[str, Any],
-    inputs: list[Path],
-) -> None:
-    products.write(
-        "ranging",
-        {"profiles": profiles.values, "range_m": profiles.range_m, "antenna_m": profiles.antenna_m},
-        settings=ranging,
-        inputs=inputs,
-        units={"profiles": "full scale * m^2", "range_m": "m", "antenna_m": "m"},
-    )
-    stage, axes, units = axes_of(grid)
-    products.write(
-        stage,
-        {"image": image, "flags": flags, **axes},
-        settings=settings,
-        inputs=inputs,
-        units={"image": "full scale * m^2", "flags": "bits", **units},
     )

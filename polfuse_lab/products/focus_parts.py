@@ -1,4 +1,4 @@
-"""What focusing in one piece and in tiles have in common: checks, choices, settings, and what stands out."""
+"""What focusing in one piece and in tiles have in common: checks, the order along the rail, and what stands out."""
 
 from __future__ import annotations
 
@@ -9,76 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.products.focus_plan import considered
 from polfuse_lab.products.forming import own_positions
 from polfuse_lab.session import Session
 from processing.radar.profiles import RangeProfiles
 from processing.sar.aperture import grating_lobe_warning
-from processing.sar.continuous import sweep_motion
-from processing.sar.footprint import ImageFlag
 from processing.sar.grid import ImageGrid, check_grid
 from processing.sar.peak_search import Rows, find_peaks
 from processing.sar.planner import Choice
 from processing.sar.quality import Peak
 from processing.sar.resolution import point_resolution
-
-
-def focus_settings(
-    profiles: RangeProfiles,
-    grid: ImageGrid,
-    choice: Choice,
-    weights: NDArray[np.float64],
-    *,
-    window: str,
-    aperture: str,
-    oversampling: int,
-    tolerance_db: float,
-    target: str | None,
-    beamwidth_rad: float | None,
-    depression_rad: float,
-    warnings: list[str],
-    autofocus: dict[str, Any] | None = None,
-) -> dict[str, Any]:
-    """Settings of stage "focus", as they are stored; arguments as they were used."""
-    return {
-        "channels": list(profiles.channels),
-        "z_m": grid.z_m,
-        "method": choice.method,
-        "interpolator": choice.interpolator,
-        "reason": choice.reason,
-        "tolerance_db": tolerance_db,
-        "predicted_error_db": choice.predicted_error_db,
-        "considered": considered(choice),
-        "precision": choice.precision,
-        "autofocus": autofocus,
-        "window": window,
-        "target": target,
-        "aperture_window": aperture,
-        "aperture_weights": weights.tolist(),
-        "flags": {flag.name: flag.value for flag in ImageFlag},
-        "oversampling": oversampling,
-        "range_compensated": True,
-        "antennas_m": None
-        if profiles.pairs is None
-        else [{"transmit": list(pair.transmit_m), "receive": list(pair.receive_m)} for pair in profiles.pairs],
-        "motion": sweep_motion(profiles).reason,
-        "beamwidth_rad": beamwidth_rad,
-        "depression_rad": depression_rad,
-        "centre_hz": profiles.centre_hz,
-        "bandwidth_hz": profiles.bandwidth_hz,
-        "warnings": warnings,
-    }
-
-
-def ranging_settings(profiles: RangeProfiles, session: Session, coupling_taken_off: bool) -> dict[str, Any]:
-    """What is stored of stage "ranging" besides the options that it was made with."""
-    return {
-        "channels": list(profiles.channels),
-        "coupling": "reference" if coupling_taken_off else "none",
-        "centre_hz": profiles.centre_hz,
-        "bandwidth_hz": profiles.bandwidth_hz,
-        "sync": session.sync.summary(),
-    }
 
 
 def furthest_m(session: Session, grid: ImageGrid) -> float:

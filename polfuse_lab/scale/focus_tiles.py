@@ -7,10 +7,9 @@ tiles' size, the number of processes, and however often the run was interrupted.
 from __future__ import annotations
 
 import hashlib
-import math
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,26 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.products.focus import FAR_MARGIN_CELLS
 from polfuse_lab.products.focus_grids import told
 from polfuse_lab.products.focus_parts import (
     Span,
-    focus_settings,
-    furthest_m,
     rail_order,
-    ranging_settings,
     step_m,
     strongest_peaks,
     warnings_of,
 )
-from polfuse_lab.products.focus_plan import task_before, task_of
+from polfuse_lab.products.focus_plan import task_of
 from polfuse_lab.products.focus_result import FocusResult
 from polfuse_lab.products.forming import own_positions, position_weights
 from polfuse_lab.products.growing import Growing, GrowingStages, Index
 from polfuse_lab.products.provenance import versions
-from polfuse_lab.products.ranging import ProfileSource, range_profiles
+from polfuse_lab.products.rail_options import RailOptions, focus_settings, rail_work, ranging_settings
+from polfuse_lab.products.ranging import ProfileSource
 from polfuse_lab.products.store import Products
-from polfuse_lab.products.visits import target_positions
 from polfuse_lab.scale.plan import Cut, cut
 from polfuse_lab.scale.progress import Counter, Listener
 from polfuse_lab.scale.tile_job import Formed, TileJob, form_tile
@@ -75,22 +70,9 @@ class Scale:
 
 
 def focus_in_tiles(
-    session: Session,
-    products_path: Path | str,
-    grid: ImageGrid,
-    scale: Scale,
-    *,
-    method: str = "auto",
-    tolerance_db: float = -50.0,
-    window: str = "hann",
-    aperture: str = "rectangular",
-    oversampling: int | None = None,
-    compensate_pattern: bool = True,
-    sky: Path | str | None = None,
-    peaks: int = 10,
-    target: str | None = None,
+    session: Session, products_path: Path | str, grid: ImageGrid, scale: Scale, options: RailOptions
 ) -> FocusResult:
-    """Focus a session by back-projection, tile by tile; arguments as in :func:`polfuse_lab.products.focus.focus`.
+    """Focus a session by back-projection, tile by tile; options as in :func:`polfuse_lab.products.focus.focus`.
 
     An interrupted run (Ctrl-C, a full disk, a kill) leaves ``NAME.tiles`` beside the products file; the same call goes
     on with it. The result's image is read from the products file where it is looked at.
@@ -101,34 +83,15 @@ def focus_in_tiles(
         DataError: wrong window or tolerance, tiles that are too small.
     """
     begun = time.perf_counter()
-    rig = session.rig
-    if rig is None:
-        raise PolfuseError("has no rig file", where=str(session.path), advice="focus a session collected along a rail")
-    if method not in ("auto", "bp"):
+    if options.method not in ("auto", "bp"):
         raise PolfuseError(
-            f"{method} works on the whole image at once and has no tiles",
+            f"{options.method} works on the whole image at once and has no tiles",
             where="method",
             advice="focus in tiles with auto or bp (back-projection)",
         )
-    reach = furthest_m(session, grid)
-    if oversampling is None:
-        ahead = task_before(session, grid, window, compensate_pattern, reach)
-        oversampling = round(choose(ahead, tolerance_db, "bp").oversampling)
-    ranging: dict[str, Any] = {
-        "window": window,
-        "oversampling": oversampling,
-        "max_range_m": reach + FAR_MARGIN_CELLS * rig.waveform.range_resolution_m,
-        "range_compensated": True,
-    }
-    options = dict(ranging)
-    if sky is not None:
-        options["reference"] = range_profiles(sky, **{**ranging, "range_compensated": False})
-        options["coupling"] = "reference"
-    positions = None if target is None else target_positions(session, target)
-    source = ProfileSource(session, **options, positions=positions, keep_samples=False)
+    work = rail_work(session, grid, replace(options, method="bp"))
+    source = ProfileSource(session, **work.profiles, keep_samples=False)
     order = rail_order(source.antenna_m, session)
-    beamwidth = math.radians(rig.geometry.beamwidth_deg) if compensate_pattern else None
-    depression = math.radians(rig.geometry.antenna_elevation_deg)
     pieces = cut(
         grid,
         len(source.channels),
@@ -137,12 +100,11 @@ def focus_in_tiles(
         tile=scale.tile,
         workers=scale.worker_count,
     )
-    inputs = [session.path] if sky is None else [session.path, Path(sky)]
     recipe = {
-        "inputs": [_identity(path) for path in inputs],
+        "inputs": [_identity(path) for path in work.inputs],
         "versions": versions(),
-        "ranging": ranging,
-        "method": [tolerance_db, aperture, compensate_pattern, target],
+        "ranging": work.ranging,
+        "method": [options.tolerance_db, options.aperture, options.compensate_pattern, options.target],
         "grid": [_digest(grid.x_m), _digest(grid.y_m), grid.z_m],
         "cut": [pieces.positions, _place(pieces.tiles[0]), _place(pieces.tiles[-1]), len(pieces.tiles)],
     }
@@ -151,9 +113,9 @@ def focus_in_tiles(
     products.stages()
     with _growing(products.path, recipe, source, grid, pieces) as growing:
         outline = _range(growing, source, order, pieces, scale.listener)
-        weights = position_weights(outline, aperture, passes=bool(gapless_runs(session)))
-        task = task_of(outline, grid, oversampling, beamwidth is not None)
-        choice = choose(task, tolerance_db, "bp")
+        weights = position_weights(outline, options.aperture, passes=bool(gapless_runs(session)))
+        task = task_of(outline, grid, work.oversampling, work.beamwidth_rad is not None)
+        choice = choose(task, options.tolerance_db, "bp")
         _check_weights(outline, weights)
         alone = own_positions(outline)
         count = len(outline.channels)
@@ -163,39 +125,25 @@ def focus_in_tiles(
             weights=weights,
             grid=grid,
             interpolator=choice.interpolator,
-            beamwidth_rad=beamwidth,
-            depression_rad=depression,
+            beamwidth_rad=work.beamwidth_rad,
+            depression_rad=work.depression_rad,
             alias_free_rad=alias_free_angle_rad(step_m(outline), outline.wavelength_m),
             groups=(tuple(range(count)),) if alone is None else tuple((c,) for c in range(count)),
         )
         _form(growing, job, pieces, scale)
-        strongest = strongest_peaks(Span(_Stored(growing, "focus/image")), grid, outline, peaks)
-        warnings = warnings_of(outline, grid, choice, tolerance_db)
-        settings = focus_settings(
-            outline,
-            grid,
-            choice,
-            weights,
-            window=window,
-            aperture=aperture,
-            oversampling=oversampling,
-            tolerance_db=tolerance_db,
-            target=target,
-            beamwidth_rad=beamwidth,
-            depression_rad=depression,
-            warnings=warnings,
-        )
-        settings |= told(grid)
-        ranging |= ranging_settings(outline, session, sky is not None)
+        strongest = strongest_peaks(Span(_Stored(growing, "focus/image")), grid, outline, options.peaks)
+        warnings = warnings_of(outline, grid, choice, options.tolerance_db)
+        settings = focus_settings(work, outline, grid, choice, weights, warnings) | told(grid)
+        ranging = ranging_settings(work, outline, session)
         image = growing.raw("focus/image")
-        growing.become(products, {"ranging": ranging, "focus": settings}, inputs)
+        growing.become(products, {"ranging": ranging, "focus": settings}, work.inputs)
     return FocusResult(
         products=products.path,
         image=np.memmap(products.path, np.dtype(image.dtype), "r", image.offset, image.shape),
         grid=grid,
         channels=outline.channels,
         choice=choice,
-        explanation=tuple(explain(task, choice, tolerance_db)),
+        explanation=tuple(explain(task, choice, options.tolerance_db)),
         settings=settings,
         pulses=len(outline.antenna_m),
         seconds=time.perf_counter() - begun,
