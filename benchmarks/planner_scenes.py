@@ -117,3 +117,41 @@ def random_mosaic(seed: int, sizes: tuple[int, ...] = (96, 128, 256)) -> MosaicP
     light = through_planes(truth, mosaic)
     image = np.rint(light + np.sqrt(light / electrons + read**2) * rng.normal(size=light.shape))
     return MosaicPicture(image, truth, mosaic, np.maximum(image, 0) / electrons + read**2 + 1 / 12)
+
+
+@dataclass(frozen=True)
+class PlacesBetween:
+    """Planes of a random scene, and what the scene holds at places between their pixels."""
+
+    planes: Floats
+    """(3, rows, columns) S0, S1, S2 with noise."""
+    u: Floats
+    v: Floats
+    """(places,) columns and rows."""
+    truth: Floats
+    """(3, places) without noise."""
+    variance: float
+    """Of the noise in each plane."""
+
+
+FINE = 8
+"""Places between two pixels."""
+
+
+def random_places(seed: int, size: int = 96, places: int = 4000) -> PlacesBetween:
+    """A scene known at eighths of a pixel: shapes by their closed forms, texture as a sum of waves."""
+    rng = np.random.default_rng(seed)
+    kind = str(rng.choice(["texture", "shapes", "both"]))
+    fine_x, fine_y = rng.integers(8 * FINE, (size - 8) * FINE, (2, places))
+    row, column = (axis * FINE for axis in np.mgrid[0:size, 0:size])
+    shapes = [] if kind == "texture" else random_shapes(rng, size, 0.5)
+    blur = float(rng.uniform(0.35, 1.2))
+    planes, truth = (painted(shapes, x / FINE, y / FINE, blur) for x, y in ((column, row), (fine_x, fine_y)))
+    if kind != "shapes":
+        waves = random_field(rng, size * FINE, float(rng.uniform(1, 4)), FINE * float(rng.uniform(0.3, 1.0)))
+        texture = 1 + rng.uniform(0.03, 0.4) * waves
+        planes, truth = planes * texture[row, column], truth * texture[fine_y, fine_x]
+    level = 10 ** rng.uniform(2.3, 4.5)
+    sd = level * 10 ** rng.uniform(-4, -1.5)
+    noisy = level * planes + sd * rng.normal(size=planes.shape)
+    return PlacesBetween(noisy, fine_x / FINE, fine_y / FINE, level * truth, sd**2)

@@ -11,7 +11,6 @@ pixels, and so its part in that is taken off and its whole part put in, both in 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from processing.errors import DataError
 from processing.optics.demosaic import METHODS, demosaic_by
 from processing.optics.mosaic import Mosaic, check_mosaic_image, through_planes
+from processing.optics.pieces import spread_pieces
 
 Floats = NDArray[np.float64]
 
@@ -110,7 +110,7 @@ def demosaic_errors_db(image: NDArray[np.generic], mosaic: Mosaic, variance: Arr
     squares = dict.fromkeys(METHODS, 0.0)
     power = own = 0.0
     count = 0
-    for window in _pieces(values.shape):
+    for window in spread_pieces(values.shape, PIECE_PX, PIECES):
         piece = values[window]
         planes = demosaic_by("residual", piece, mosaic).astype(np.float64)
         seen = through_planes(planes, again)
@@ -168,25 +168,6 @@ def choose_demosaicer(
         seconds=1e-9 * COST_NS[method] * np.asarray(image).size,
         considered=considered,
     )
-
-
-def _pieces(shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
-    """All of a small picture, or pieces spread evenly over a larger one; they begin in even rows and columns."""
-    rows, columns = shape
-    if rows * columns <= PIECES * PIECE_PX**2:
-        yield slice(0, rows), slice(0, columns)
-        return
-    height, width = min(rows, PIECE_PX), min(columns, PIECE_PX)
-    down = min(max(round(math.sqrt(PIECES * rows / columns)), 1), rows // height, PIECES)
-    right = min(max(PIECES // down, 1), columns // width)
-    for i in _begins(rows, height, down):
-        for k in _begins(columns, width, right):
-            yield slice(i, i + height), slice(k, k + width)
-
-
-def _begins(length: int, size: int, count: int) -> list[int]:
-    """Even places at which ``count`` pieces begin, in the middle of equal shares of ``length``."""
-    return [int((length / count * (n + 0.5) - size / 2) // 2 * 2) for n in range(count)]
 
 
 def _db(square: float) -> float:
