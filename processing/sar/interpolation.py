@@ -60,7 +60,7 @@ def sinc_weights(fraction: ArrayLike, taps: int, oversampling: float) -> NDArray
     oversampled by ``oversampling``; where the band leaves no room for that, the window is left open.
 
     Args:
-        fraction: place between the two middle bins, 0 to 1, any shape.
+        fraction: place between the two middle bins, 0 to 1, any shape; weights of an undefined one are NaN.
         taps: even number of bins.
         oversampling: bins per resolution cell, at least 1.
 
@@ -69,7 +69,7 @@ def sinc_weights(fraction: ArrayLike, taps: int, oversampling: float) -> NDArray
     """
     half = taps // 2
     beta = max(math.pi * half * (1 - 1 / max(oversampling, 1.0)), 2.5)
-    away = np.asarray(fraction, dtype=np.float64)[..., None] - np.arange(1 - half, half + 1)
+    away = _place(fraction)[..., None] - np.arange(1 - half, half + 1)
     window = np.i0(beta * np.sqrt(np.clip(1 - (away / half) ** 2, 0, None))) / np.i0(beta)
     weights: NDArray[np.float64] = np.sinc(away) * window
     return weights
@@ -82,7 +82,7 @@ def tap_weights(interpolator: str, fraction: ArrayLike, oversampling: float) -> 
         interpolator: ``"linear"``, ``"cubic"`` (Keys 1981, a = -1/2), ``"lagrange4"``, ``"kaiser8"`` and ``"sinc16"``
             (sincs with Kaiser's window), or ``"sinc8"`` (of all eight taps whose weights are polynomials those that
             come closest to the sinc's work on the band, :mod:`processing.sar.filter_design`).
-        fraction: place between the two middle bins, 0 to 1, any shape.
+        fraction: place between the two middle bins, 0 to 1, any shape; weights of an undefined one are NaN.
         oversampling: bins per resolution cell; only the sincs depend on it.
 
     Returns:
@@ -92,7 +92,7 @@ def tap_weights(interpolator: str, fraction: ArrayLike, oversampling: float) -> 
         DataError: there is no interpolator of that name.
     """
     taps = taps_of(interpolator)
-    w = np.asarray(fraction, dtype=np.float64)
+    w = _place(fraction)
     if interpolator == "linear":
         return np.stack([1 - w, w], axis=-1)
     if interpolator == "cubic":
@@ -120,6 +120,12 @@ def tap_weights(interpolator: str, fraction: ArrayLike, oversampling: float) -> 
         weights: NDArray[np.float64] = (w[..., None] - 0.5) ** np.arange(len(polynomials)) @ polynomials
         return weights
     return sinc_weights(w, taps, oversampling)
+
+
+def _place(fraction: ArrayLike) -> NDArray[np.float64]:
+    """Infinity is no place: as NaN it goes through sums, sines and powers without a warning."""
+    w = np.asarray(fraction, dtype=np.float64)
+    return np.where(np.isfinite(w), w, np.nan)
 
 
 def sinc8_polynomials(oversampling: float) -> NDArray[np.float64]:

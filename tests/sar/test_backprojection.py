@@ -257,6 +257,10 @@ def test_filters_pass_samples_through_and_their_tables_agree(name):
     # A constant is kept: exactly by polynomials, within the pass band's ripple by the sincs.
     np.testing.assert_allclose(tap_weights(name, np.linspace(0, 1, 33), 8).sum(axis=-1), 1.0, atol=2e-5)
     np.testing.assert_allclose(tap_table(name, 8)[256], tap_weights(name, 0.5, 8), atol=6e-8)
+    # A place that is none has no weights, and nothing warns of it (warnings are errors here).
+    nowhere = tap_weights(name, [np.nan, np.inf, -np.inf, 0.25], 8)
+    assert np.isnan(nowhere[:3]).all()
+    np.testing.assert_array_equal(nowhere[3], tap_weights(name, 0.25, 8))
 
 
 def bad(**changes):
