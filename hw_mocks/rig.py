@@ -8,10 +8,13 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from hw_mocks.faults import Fault, FaultKind, FaultScript
 from hw_mocks.gige_camera import GigeCamera
 from hw_mocks.grbl import start_grbl
 from hw_mocks.line_faults import LINE_FAULTS
+from hw_mocks.rig_bodies import Progress, look_at
 from hw_mocks.rig_camera import start_gige_camera
 from hw_mocks.rotator import start_rotator
 from hw_mocks.scene_file import SceneFile, load_scene_file
@@ -23,6 +26,7 @@ from hw_mocks.world import World
 from hw_mocks.world_link import WorldServer
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.rig.toml_model import toml_value
+from processing.scene.solids import SolidScene
 
 Audio = Literal["auto", "pulse", "tcp"]
 Camera = Literal["scene", "gige"]
@@ -59,9 +63,13 @@ class SimulatedRig:
         camera: ``"scene"`` (a driver that renders the scene by itself; works everywhere) or ``"gige"`` (a GigE Vision
             camera on a loopback address, which the rig file reaches through the project's GenTL producer). The scene's
             extinction ratio, noise and seed hold for either.
+        bodies: those of a scene file of bodies (``polfuse_lab.simulation.rig_scene.read_bodies``). Both eyes' views of
+            them are made before the devices start.
+        progress: told which eye's, and the fraction done.
 
     Raises:
-        PolfuseError: the scene file is wrong, the audio path asked for is not installed, or the camera cannot start.
+        PolfuseError: the scene file or a body is wrong, the audio path asked for is not installed, or the camera cannot
+            start.
     """
 
     def __init__(
@@ -73,6 +81,8 @@ class SimulatedRig:
         audio: Audio = "auto",
         serial: Kind | None = None,
         camera: Camera = "scene",
+        bodies: SolidScene | None = None,
+        progress: Progress | None = None,
     ) -> None:
         self.file: SceneFile = load_scene_file(scene_path)
         self.seed = self.file.seed if seed is None else seed
@@ -85,6 +95,10 @@ class SimulatedRig:
         if Path(scene_path).resolve() != self._scene_copy:
             # The camera reads the scene when it opens: it must be the one that the radar sees.
             shutil.copyfile(scene_path, self._scene_copy)
+        self._seen = look_at(self.file, bodies, where=str(scene_path), progress=progress)
+        self._picture = self._directory / "picture.npy"
+        if self._seen.scene.picture is not None:
+            np.save(self._picture, self._seen.scene.picture, allow_pickle=False)
         self._closing = contextlib.ExitStack()
         try:
             self._start(audio, serial, camera)
@@ -111,10 +125,12 @@ class SimulatedRig:
         self.link = self._closing.enter_context(WorldServer(world))
         self.camera: GigeCamera | None = None
         if camera == "gige":
-            self.camera = self._closing.enter_context(start_gige_camera(file, world, self.seed))
+            self.camera = self._closing.enter_context(start_gige_camera(file, self._seen.scene, world, self.seed))
         self.stream = StreamServer(file.audio.sample_rate_hz)
         sinks: list[Sink] = [self.stream] if self._pulse is None else [self.stream, self._pulse]
-        synthesizer = Synthesizer(file.scene(), file.waveform, file.geometry, file.audio, world, self.seed)
+        synthesizer = Synthesizer(
+            self._seen.scene, file.waveform, file.geometry, file.audio, world, self.seed, self._seen.echoes
+        )
         self._radar_faults = FaultScript()
         self.sound_card = SoundCard(synthesizer, sinks, faults=self._radar_faults)
         self._closing.callback(self.sound_card.close)
@@ -278,6 +294,8 @@ class SimulatedRig:
             # The rest is in the section already. Asked by its address alone: nothing may leave this machine.
             return "harvesters", {"cti": "aravis", "addresses": [self.camera.address]}
         source = {"scene_file": str(self._scene_copy), "world_url": self.link.url, "seed": self.seed}
+        if self._seen.scene.picture is not None:
+            source["picture_file"] = str(self._picture.resolve())
         return "scene", {**source, **camera, **extinction}
 
     def _radar(self) -> tuple[str, dict[str, object]]:

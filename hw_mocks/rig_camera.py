@@ -10,6 +10,7 @@ from hw_mocks.sensor import Sensor
 from hw_mocks.world import World
 from polfuse_lab.errors import PolfuseError
 from processing.optics.mosaic import parse_mosaic
+from processing.scene.model import Scene
 
 _ADDRESSES = tuple(f"127.0.0.{host}" for host in range(1, 9))
 """Clients look at one port only, so that each rig of this machine needs an address of its own."""
@@ -17,11 +18,12 @@ _EXPOSURES_S = (10e-6, 10.0)
 _WHERE = "simulated GigE camera"
 
 
-def start_gige_camera(file: SceneFile, world: World, seed: int) -> GigeCamera:
+def start_gige_camera(file: SceneFile, scene: Scene, world: World, seed: int) -> GigeCamera:
     """Start the scene file's camera on the first free loopback address.
 
     Args:
         file: the scene file.
+        scene: what it looks at.
         world: the simulated rig, which knows how the polarizer moved.
         seed: of the noise. Until the camera has been opened a second time, its frames are those of
             :class:`hw_mocks.scene_camera.SceneCamera` with this seed; as a real camera's, its noise does not start
@@ -38,7 +40,7 @@ def start_gige_camera(file: SceneFile, world: World, seed: int) -> GigeCamera:
         raise PolfuseError(
             f"found camera.exposure_s = {camera.exposure_s:g}", where=_WHERE, advice=f"give {low:g} to {high:g} s"
         )
-    scene, optics, settings = file.scene(), _optics(camera), _settings(camera, seed)
+    optics, settings = _optics(camera), _settings(camera, seed)
     for address in _ADDRESSES:
         try:
             return GigeCamera(scene, world, address, optics=optics, settings=settings)

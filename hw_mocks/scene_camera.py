@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -76,6 +76,8 @@ class SceneCamera:
         """Polarizers on the sensor's pixels, such as "90-45-135-0"; "none" for a camera behind the rig's polarizer."""
         seed: Annotated[int, Ge(0)] = 0
         """Seed of the noise."""
+        picture_file: str = ""
+        """What 'polfuse sim' traced of a scene of bodies: Stokes parameters as a NumPy file."""
 
     def __init__(self, options: Options) -> None:
         self._options = checked(options)
@@ -107,6 +109,8 @@ class SceneCamera:
         self.close()
         try:
             scene = load_scene(options.scene_file)
+            if options.picture_file:
+                scene = replace(scene, picture=np.load(options.picture_file, allow_pickle=False))
             pinhole = Pinhole(
                 options.focal_length_m,
                 options.pixel_pitch_m,

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import cmath
+import contextlib
 import math
+import tomllib
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from hw_mocks.sound_card.settings import AudioSettings
-from polfuse_lab.rig import FileMistake, FileModel, Geometry, Waveform, read_model
+from polfuse_lab.errors import PolfuseError
+from polfuse_lab.rig import FileMistake, FileModel, Geometry, Waveform, parse_model
+from polfuse_lab.rig.toml_model import read_text
 from processing.scene.model import Bush, FrontEnd, Point, Reflector, Scene, Surface, Vector
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
@@ -126,7 +130,9 @@ class SunEntry(FileModel):
     counts: float = Field(default=30_000.0, gt=0)
     """Camera counts without a polarizer for S0 = 1."""
     background_s0: float = Field(default=0.05, ge=0)
-    """S0 of whatever no surface covers; unpolarized."""
+    """S0 of whatever no surface covers; unpolarized. Of scenes of surfaces: bodies have a sky."""
+    sky_share: float = Field(default=0.2, ge=0, le=100)
+    """Irradiance of the sky on level ground over the sun's; 0.2 is a clear day's. Of scenes of bodies."""
 
 
 class PathEntry(FileModel):
@@ -207,6 +213,26 @@ class CameraEntry(FileModel):
     """Polarizers on the sensor's pixels, such as "90-45-135-0"; "none" for a camera behind the rig's polarizer."""
 
 
+class RaysEntry(FileModel):
+    """How finely bodies are followed."""
+
+    cell_m: float = Field(default=0.1, ge=1e-3, le=10)
+    """Distance of the radar's rays 10 m ahead, before they are split at edges, m."""
+    levels: int = Field(default=5, ge=0, le=8)
+    """How often a cell between rays is split in four."""
+    bounces: int = Field(default=3, ge=1, le=11)
+    """Most bounces of the radar's rays."""
+    points_per_m2: float = Field(default=10.0, gt=0, le=1e4)
+    """Scatterers of rough ground."""
+    step_m: float = Field(default=0.1, ge=1e-3, le=10)
+    """Way of the trolley after which the radar's rays are sent anew, m."""
+    samples: int = Field(default=100, ge=1, le=100_000)
+    """Rays of each of the camera's pixels."""
+
+
+Tables = tuple[dict[str, Any], ...]
+
+
 class SceneFile(FileModel):
     """A whole scene file."""
 
@@ -236,6 +262,28 @@ class SceneFile(FileModel):
     """Bushes."""
     surface: tuple[SurfaceEntry, ...] = ()
     """Optical surfaces."""
+    rays: RaysEntry = RaysEntry()
+    """How finely bodies are followed."""
+    substance: Tables = ()
+    """What bodies are made of, as :mod:`polfuse_lab.simulation.scene_file` reads it."""
+    solid: Tables = ()
+    """Bodies, which both eyes see: instead of all points, reflectors, bushes and surfaces."""
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> SceneFile:
+        flat: list[str] = [name for name in ("point", "reflector", "bush", "surface") if getattr(self, name)]
+        solid: list[str] = [name for name in ("solid", "substance", "rays") if name in self.model_fields_set]
+        if "background_s0" in self.sun.model_fields_set:
+            flat.append("sun.background_s0")
+        if "sky_share" in self.sun.model_fields_set:
+            solid.append("sun.sky_share")
+        if flat and solid:
+            raise ValueError(
+                f"either bodies ({', '.join(solid)}) or targets of one eye each ({', '.join(flat)}), not both in a file"
+            )
+        if solid and not (self.solid and self.substance):
+            raise ValueError(f"{', '.join(solid)} in a file with at least one [[substance]] and one [[solid]]")
+        return self
 
     @model_validator(mode="after")
     def _sound(self) -> SceneFile:
@@ -289,14 +337,27 @@ class SceneFile(FileModel):
         )
 
 
+AIRBORNE = ("flight", "grid", "light", "radar")
+"""Tables that only the scene files of ``polfuse simulate`` have."""
+
+
 def load_scene_file(path: Path | str) -> SceneFile:
     """Read a scene file.
 
     Raises:
-        PolfuseError: it cannot be read or is not TOML.
+        PolfuseError: it cannot be read, is not TOML, or is a scene that is flown over.
         FileMistake: entries are wrong, each with line, field, found and allowed.
     """
-    file = read_model(path, SceneFile)
+    text = read_text(path)
+    with contextlib.suppress(tomllib.TOMLDecodeError):
+        if found := [name for name in AIRBORNE if name in tomllib.loads(text)]:
+            raise PolfuseError(
+                f"is a scene that is flown over (it has [{found[0]}]), not one before the rig's rail",
+                where=str(path),
+                advice=f"give it to 'polfuse simulate', or take {', '.join(f'[{name}]' for name in found)} out and"
+                " describe the rig ([rail], [geometry])",
+            )
+    file = parse_model(text, SceneFile, path)
     for reflector in file.reflector:
         if reflector.fold_deg and reflector.kind != "dihedral":
             raise FileMistake(

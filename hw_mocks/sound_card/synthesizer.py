@@ -24,6 +24,7 @@ from polfuse_lab.rig import Geometry, Waveform
 from processing.radar.antenna import boresight, one_way_gain
 from processing.radar.beat import TriangleFm, beat_of_ranges, sync
 from processing.radar.beat_kernel import beat_along_track
+from processing.scattering.rail_echoes import RailEchoes
 from processing.scene.model import Scene
 from processing.scene.radar_response import scatterers
 
@@ -42,7 +43,14 @@ class Synthesizer:
     """Makes blocks of int16 stereo samples from the state of the world at each sample's instant. Not thread-safe."""
 
     def __init__(
-        self, scene: Scene, waveform: Waveform, geometry: Geometry, audio: AudioSettings, world: World, seed: int
+        self,
+        scene: Scene,
+        waveform: Waveform,
+        geometry: Geometry,
+        audio: AudioSettings,
+        world: World,
+        seed: int,
+        bodies: RailEchoes | None = None,
     ) -> None:
         self._scene, self._world, self._audio, self._seed = scene, world, audio, seed
         self._beamwidth_rad = math.radians(geometry.beamwidth_deg)
@@ -65,6 +73,10 @@ class Synthesizer:
         self._coupling = beat_of_ranges(
             self._frequency_hz, self._slope_hz_s, [front_end.coupling_range_m], [front_end.coupling]
         )
+        self._bodies, self._waves = bodies, np.zeros((2, 0, 0), dtype=np.complex128)
+        if bodies is not None:
+            self._bodies = bodies.through(front_end.amplitude_at_1m * front_end.receive, front_end.transmit)
+            self._waves = bodies.waves(self._frequency_hz, self._slope_hz_s, delay_m=self._range_offset_m)
         self._cycles: OrderedDict[tuple[int, str, str], Samples] = OrderedDict()
         self._nearby: OrderedDict[tuple[int, str, str], tuple[Floats, NDArray[np.complex128]]] = OrderedDict()
 
@@ -132,6 +144,9 @@ class Synthesizer:
         return counts
 
     def _echoes(self, x_m: Floats, transmit: str, receive: str, within: NDArray[np.int64]) -> Floats:
+        if self._bodies is not None:
+            # Pattern, phase centres and both ways are in the bodies' echoes already.
+            return self._bodies.beat(x_m, self._waves[:, within], POLARIZATIONS[receive], POLARIZATIONS[transmit])
         antenna = np.zeros((len(x_m), 3))
         antenna[:, 0] = x_m
         if len(x_m) > 1:

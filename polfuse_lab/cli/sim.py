@@ -39,17 +39,21 @@ def sim(
     """Start a simulated rig, write the rig file that reaches it, and run until Ctrl-C.
 
     Switches, trolley and polarizer are serial devices, the radar is a sound card, the camera looks at the same scene;
-    with --camera gige it is on the network, and drivers reach it through the GenTL producer ('make gentl').
+    with --camera gige it is on the network, and drivers reach it through the GenTL producer ('make gentl'). What both
+    eyes have of a scene of bodies is traced before the devices start.
 
     Example: polfuse sim examples/scenes/field.toml --rig-out rig.toml
     """
     import signal
     import tempfile
     import threading
+    import time
 
     from drivers.camera.producers import ARAVIS, find_producer
     from hw_mocks.faults import parse_fault
     from hw_mocks.rig import SimulatedRig
+    from hw_mocks.scene_file import load_scene_file
+    from polfuse_lab.simulation.rig_scene import read_bodies
 
     try:
         faults = [parse_fault(text) for text in fault or ()]
@@ -57,12 +61,22 @@ def sim(
         raise typer.BadParameter(str(error), param_hint="--fault") from None
     if camera == "gige":
         find_producer(ARAVIS, "simulated GigE camera")
+    file = load_scene_file(scene)
+    bodies = read_bodies(scene, file.waveform.centre_hz) if file.solid else None
+    told = time.monotonic()
+
+    def tell(eye: str, done: float) -> None:
+        nonlocal told
+        if time.monotonic() - told > 2:
+            told = time.monotonic()
+            progress(f"{eye}: {100 * done:.0f} %")
+
     stop = threading.Event()
     previous = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         with (
             tempfile.TemporaryDirectory(prefix="polfuse-sim-") as directory,
-            SimulatedRig(scene, directory, seed=seed, audio=audio, camera=camera) as rig,
+            SimulatedRig(scene, directory, seed=seed, audio=audio, camera=camera, bodies=bodies, progress=tell) as rig,
         ):
             rig.arm(faults)
             rig.write_rig(rig_out)

@@ -107,3 +107,6 @@ class Scene:
     """Camera counts (through no polarizer) for S0 = 1, at the rig's exposure and gain."""
     front_end: FrontEnd = field(default_factory=FrontEnd)
     seed: int = 0
+    picture: NDArray[np.float64] | None = None
+    """What the camera sees of bodies: Stokes parameters (3, rows, columns) for S0 = 1 of a white surface that faces the
+    sun. It takes the place of surfaces and background."""

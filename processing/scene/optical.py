@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from processing.errors import DataError
 from processing.optics.camera_model import Pinhole
 from processing.scene.model import Scene, Surface
 
@@ -25,11 +26,23 @@ def stokes_image(scene: Scene, camera: Pinhole) -> tuple[NDArray[np.float64], ND
         scene: surfaces, sun and background.
         camera: the camera in rig coordinates.
 
+    A scene with a picture of its bodies is looked at already: that picture is given.
+
     Returns:
         Stokes parameters S0, S1, S2 of shape (3, rows, columns), for S0 = 1 under unit irradiance, and for each pixel
         the index of the surface in ``scene.surfaces`` (rows, columns), or :data:`BACKGROUND`.
+
+    Raises:
+        DataError: a picture of bodies that another camera took.
     """
     rows, columns = camera.shape
+    if scene.picture is not None:
+        if scene.picture.shape != (3, rows, columns):
+            raise DataError(
+                f"the bodies' picture is of shape {scene.picture.shape}, the camera has {rows} x {columns} pixels",
+                "start 'polfuse sim' again and use the rig file that it writes",
+            )
+        return scene.picture.astype(np.float64), np.full((rows, columns), BACKGROUND, dtype=np.int32)
     stokes = np.empty((3, rows, columns))
     stokes[:] = np.asarray(scene.background_stokes, dtype=np.float64)[:, None, None]
     index = np.full((rows, columns), BACKGROUND, dtype=np.int32)
