@@ -65,6 +65,13 @@ def fuse(
     refine: Annotated[
         bool, typer.Option("--refine", help="Correct the registration by what both pictures have in common.")
     ] = False,
+    heights: Annotated[
+        Path | None,
+        typer.Option(help="Height map the scene stands on (.npz or .csv: x_m, y_m, height_m and perhaps sd_m)."),
+    ] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="Products file of 'polfuse optics BOARDS --as camera': the camera's lens.")
+    ] = None,
     figure: Annotated[Path | None, typer.Option(help="Picture to draw; beside the products file by default.")] = None,
     json_: Json = False,
     debug: Debug = False,
@@ -94,6 +101,8 @@ def fuse(
         angle_sd_rad=math.radians(angle_sd_deg),
         height_sd_m=height_sd_m,
         refine=refine,
+        heights=heights,
+        camera=camera,
     )
     figures = draw_all(Products(products), figure or products.with_name(f"{products.stem}_fusion.png"))
     values = {

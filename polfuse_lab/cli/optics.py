@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from polfuse_lab.cli.output import Debug, Json, guarded, result
+from polfuse_lab.cli.output import Debug, Json, guarded, progress, result
 
 if TYPE_CHECKING:
     from polfuse_lab.products.optics import OpticsResult
@@ -22,6 +22,7 @@ class Make(enum.StrEnum):
     flat = "flat"
     linearity = "linearity"
     analyser = "analyser"
+    camera = "camera"
 
 
 class Register(enum.StrEnum):
@@ -42,14 +43,23 @@ class Demosaic(enum.StrEnum):
 
 @guarded
 def optics(
-    session: Annotated[Path, typer.Argument(help="Session with a polarizer series, or of the active mode.")],
+    session: Annotated[
+        Path,
+        typer.Argument(help="Session with a polarizer series, or of the active mode; --as camera: folder of pictures."),
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Products file; other stages in it are kept.")],
     figure: Annotated[Path | None, typer.Option(help="Picture to draw; beside the products file by default.")] = None,
     make: Annotated[
         Make, typer.Option("--as", help="Stokes parameters, or a calibration of the camera from this session.")
     ] = Make.stokes,
+    board: Annotated[
+        str, typer.Option(metavar="ROWSxCOLUMNS", help="--as camera: inner corners of the chessboard in the pictures.")
+    ] = "6x9",
+    rig: Annotated[
+        Path | None, typer.Option(help="--as camera: rig file, to print the lines of its [camera] that change.")
+    ] = None,
     correct: Annotated[
-        Path | None, typer.Option(help="Products file with calibrations (flat, linearity, analyser) to apply.")
+        Path | None, typer.Option(help="Products file with calibrations (flat, linearity, analyser, camera) to apply.")
     ] = None,
     register: Annotated[
         Register, typer.Option(help="Measure shifts between the images and undo them: where significant, or all.")
@@ -78,11 +88,15 @@ def optics(
     """Turn a session's polarizer frames into Stokes parameters, DOLP and AOP, with their errors.
 
     A session of the active mode (polarizers before source and camera) becomes the channels HH, HV, VH and VV instead.
+    Pictures of a chessboard (--as camera) tell the lens: focal length, optical axis and distortion.
 
     Example: polfuse optics run.h5 -o products.h5 --correct camera.h5 --register auto
     """
     import math
 
+    if make is Make.camera:
+        _lens(session, output, board, rig, json_)
+        return
     if make is not Make.stokes:
         _calibrate(session, output, make, region_px, json_)
         return
@@ -182,6 +196,50 @@ def _calibrate(session: Path, output: Path, make: Make, region_px: int | None, a
     text = "\n".join([f"stage '{made.stage}' from {made.frames} frames", *lines, f"products: {made.products}"])
     values = {"products": made.products, "stage": made.stage, "frames": made.frames, **made.values}
     result(values, as_json=as_json, text=text)
+
+
+def _lens(folder: Path, output: Path, board: str, rig: Path | None, as_json: bool) -> None:
+    import re
+
+    from polfuse_lab.products.camera_lens import calibrate_lens
+    from polfuse_lab.rig import load_rig
+
+    if (size := re.fullmatch(r"(\d+)x(\d+)", board)) is None:
+        raise typer.BadParameter(f"found {board!r}, give rows and columns such as 6x9", param_hint="--board")
+    camera = None if rig is None else load_rig(rig).camera
+    if rig is not None and camera is None:
+        raise typer.BadParameter("has no [camera]", param_hint="--rig")
+    made = calibrate_lens(folder, output, int(size[1]), int(size[2]), progress=progress)
+    found = made.found
+    lines = [] if camera is None else made.rig_lines(camera.pixel_pitch_m)
+    values = {
+        "products": made.products,
+        "pictures": len(made.used),
+        "without_board": list(made.without_board),
+        "focal_length_px": found.focal_length_px,
+        "focal_length_sd_px": found.focal_length_sd_px,
+        "principal_offset_px": list(made.principal_offset_px),
+        "principal_offset_sd_px": list(found.principal_point_sd),
+        "distortion": list(found.distortion),
+        "distortion_sd": list(found.distortion_sd),
+        "rms_px": found.rms_px,
+        "rig_lines": lines,
+    }
+    right, down = made.principal_offset_px
+    text = [
+        f"{len(made.used)} boards, corners fit to {found.rms_px:.3f} px rms",
+        *(f"note: no board was found in {name}" for name in made.without_board),
+        f"focal length {found.focal_length_px:.2f} +- {found.focal_length_sd_px:.2g} px",
+        f"optical axis {right:+.2f} +- {found.principal_point_sd[0]:.2g} px right, {down:+.2f} +- "
+        f"{found.principal_point_sd[1]:.2g} px down of the sensor's middle",
+        *(
+            f"{name} {value:+.5f} +- {sd:.2g}"
+            for name, value, sd in zip(("k1", "k2", "p1", "p2"), found.distortion, found.distortion_sd, strict=True)
+        ),
+        *(["in the rig file's [camera]:", *(f"    {line}" for line in lines)] if lines else []),
+        f"products: {made.products}; use it with 'polfuse fuse --camera' or 'polfuse optics --correct'",
+    ]
+    result(values, as_json=as_json, text="\n".join(text))
 
 
 def _said(value: Any) -> str:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
 from polfuse_lab.products import style
 from polfuse_lab.products.fused_colours import colour_of_class, fused_colours_figure, largest_shown
@@ -73,8 +74,11 @@ def both_figure(products: Products) -> Figure:
     polarimetry, fusion, settings = products.read("polarimetry"), products.read("fusion"), products.settings("fusion")
     if settings.get("registration") == "identity":
         return ground_overlay_figure(polarimetry, fusion)
-    camera = pinhole_of(products.settings("optics"))
-    return overlay_figure(products.read("optics"), polarimetry, fusion, camera, float(settings["z_m"]))
+    # The fusion may have had a lens of its own.
+    camera = pinhole_of(settings if settings.get("camera") else products.settings("optics"))
+    flat = not settings.get("relief") and not settings.get("registration_shift_px")
+    plane = float(settings["z_m"]) if flat else None
+    return overlay_figure(products.read("optics"), polarimetry, fusion, camera, plane)
 
 
 def pauli_rgb(k: ArrayLike, *, span_db: float = SPAN_DB) -> Floats:
@@ -196,7 +200,7 @@ def class_figure(fusion: Arrays, settings: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def overlay_figure(optics: Arrays, polarimetry: Arrays, fusion: Arrays, camera: Pinhole, z_m: float) -> Figure:
+def overlay_figure(optics: Arrays, polarimetry: Arrays, fusion: Arrays, camera: Pinhole, z_m: float | None) -> Figure:
     """The camera's S0 with the Pauli composite laid over the ground, as opaque as the radar return is strong.
 
     Args:
@@ -204,13 +208,17 @@ def overlay_figure(optics: Arrays, polarimetry: Arrays, fusion: Arrays, camera: 
         polarimetry: arrays of the stage "polarimetry".
         fusion: arrays of the stage "fusion".
         camera: the camera.
-        z_m: height of the ground plane, m.
+        z_m: height of the ground plane, m; None where the ground is no plane, or the picture was shifted: each camera
+            pixel shows the radar's that was registered nearest to it then.
     """
-    columns, rows = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
-    ground = camera.on_plane(columns, rows, z_m)
     x, y = polarimetry["x_m"], polarimetry["y_m"]
     colour = np.nan_to_num(pauli_rgb(polarimetry["pauli"]))
-    j, i = _nearest(ground[..., 0], x), _nearest(ground[..., 1], y)
+    columns, rows = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
+    if z_m is None:
+        i, j = _registered(fusion["u_px"], fusion["v_px"], columns, rows)
+    else:
+        ground = camera.on_plane(columns, rows, z_m)
+        j, i = _nearest(ground[..., 0], x), _nearest(ground[..., 1], y)
     on_grid = (j >= 0) & (i >= 0)
     seen = colour[np.maximum(i, 0), np.maximum(j, 0)]
     hue, opacity = _hue_and_opacity(seen)
@@ -223,7 +231,8 @@ def overlay_figure(optics: Arrays, polarimetry: Arrays, fusion: Arrays, camera: 
     picture = style.image(axes, shade, low=0.0, high=largest_shown(shade), colours="gray")
     axes.imshow(np.dstack([hue, opacity]), interpolation="nearest", origin="upper")
     style.colour_bar(picture, axes, "S0 [counts]", extend="max")
-    _range_lines(axes, camera, x, y, z_m)
+    if z_m is not None:
+        _range_lines(axes, camera, x, y, z_m)
     axes.set_xlim(-0.5, camera.width_px - 0.5)
     axes.set_ylim(camera.height_px - 0.5, -0.5)
     axes.set_xlabel("column")
@@ -280,6 +289,28 @@ def _range_lines(axes: Axes, camera: Pinhole, x: NDArray[Any], y: NDArray[Any], 
             continue
         labelled = float(v[last])
         axes.text(u[last] - 3, v[last] - 3, f"{ground_range:.0f} m", color="white", fontsize="x-small", ha="right")
+
+
+def _registered(
+    u: NDArray[Any], v: NDArray[Any], columns: NDArray[Any], rows: NDArray[Any]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Row and column of the radar's pixel that is registered nearest to each camera pixel; -1 where none is near."""
+    known = np.isfinite(u) & np.isfinite(v)
+    missed = np.full(columns.shape, -1)
+    if not known.any():
+        return missed, missed
+    # As far as from there to its furthest neighbour, a pixel is a radar pixel's.
+    reach = np.zeros(u.shape)
+    for axis in (0, 1):
+        gap = np.nan_to_num(np.hypot(np.diff(u, axis=axis), np.diff(v, axis=axis)))
+        before, after = ([(0, 0), (0, 0)] for _ in range(2))
+        before[axis], after[axis] = (1, 0), (0, 1)
+        reach = np.maximum(reach, np.maximum(np.pad(gap, before), np.pad(gap, after)))
+    tree = cKDTree(np.stack([u[known], v[known]], axis=-1))
+    distance, number = tree.query(np.stack([columns, rows], axis=-1))
+    i, j = (places[number] for places in np.nonzero(known))
+    near = distance <= 0.75 * reach[known][number] + 0.5
+    return np.where(near, i, -1), np.where(near, j, -1)
 
 
 def _nearest(values: Floats, axis: NDArray[Any]) -> NDArray[np.int64]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.fuse_classes import LEARNT, Classifier, classify, confusion_settings, halves
-from polfuse_lab.products.fuse_sources import GEOMETRY, IDENTITY, is_simulated, of_session, of_simulation
+from polfuse_lab.products.fuse_sources import GEOMETRY, IDENTITY, Geometry, is_simulated, of_session, of_simulation
 from polfuse_lab.products.region_statistics import (
     ClassSummary,
     Group,
@@ -79,6 +79,8 @@ def fuse(
     angle_sd_rad: float = np.radians(1.0),
     height_sd_m: float = 0.3,
     refine: bool = False,
+    heights: Path | str | None = None,
+    camera: Path | str | None = None,
 ) -> FuseResult:
     """Register camera and radar on the ground, stack the fused vector (thesis 6.12), classify and compare.
 
@@ -102,6 +104,11 @@ def fuse(
         height_sd_m: how far above the ground scatterers may stand, m.
         refine: whether registration by geometry is corrected by the mutual information of both pictures, where it tells
             more of the camera's direction than ``angle_sd_rad`` does.
+        heights: file of a height map (:mod:`polfuse_lab.products.heights_file`) that the scene stands on instead of a
+            plane. What is hidden from either sensor is undefined then, and ``height_sd_m`` holds where the map tells
+            no standard deviation.
+        camera: products file with stage "camera", a calibration of the camera's lens that is used instead of the rig
+            file's (:mod:`polfuse_lab.products.camera_lens`).
 
     Raises:
         PolfuseError: stages that are missing, a bad regions file, or too few pixels.
@@ -109,10 +116,16 @@ def fuse(
     """
     products = Products(products_path)
     notes: list[str] = []
+    if is_simulated(products) and (heights is not None or camera is not None):
+        raise PolfuseError(
+            "both pictures of a simulation are on one grid already",
+            where=str(products.path),
+            advice="leave --heights and --camera out",
+        )
     both = (
         of_simulation(products, notes, refine=refine)
         if is_simulated(products)
-        else of_session(products, notes, angle_sd_rad=angle_sd_rad, height_sd_m=height_sd_m, refine=refine)
+        else of_session(products, notes, Geometry(angle_sd_rad, height_sd_m, refine, heights, camera))
     )
     x_m, y_m = both.x_m, both.y_m
     with np.errstate(invalid="ignore"):
@@ -181,6 +194,9 @@ def fuse(
         "dynamic_range_db": dynamic_range_db,
         "iterations": found.iterations,
         "registration": both.registration,
+        "heights": None if heights is None else Path(heights).name,
+        "relief": both.relief,
+        "camera": None if both.camera is None else asdict(both.camera),
         "geometry_errors": None if both.errors is None else vars(both.errors),
         "registration_shift_px": None if both.shift is None else vars(both.shift),
         "classes": {name: vars(item) for name, item in result.classes.items()},
@@ -189,7 +205,7 @@ def fuse(
         "bayes_bounds": {name: list(item.bounds) for name, item in result.pairs.items()},
         "notes": notes,
     }
-    inputs = [products.path, *([] if regions is None else [Path(regions)])]
+    inputs = [products.path, *(Path(given) for given in (regions, heights, camera) if given is not None)]
     units = {**UNITS, "s0_on_ground": both.light_unit}
     products.write(STAGE, arrays, settings=stored, inputs=inputs, units=units)
     return result

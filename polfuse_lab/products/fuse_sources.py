@@ -4,16 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from polfuse_lab.products.camera_lens import with_lens
+from polfuse_lab.products.heights_file import read_heights
 from polfuse_lab.products.optics import pinhole_of
 from polfuse_lab.products.store import Products
 from processing.errors import DataError
-from processing.fusion.registration import GeometryErrors, ground_to_camera, registration_error, sample_bilinear
+from processing.fusion.registration import (
+    GeometryErrors,
+    RegistrationError,
+    ground_to_camera,
+    registration_error,
+    sample_bilinear,
+)
 from processing.fusion.registration_refine import PictureShift, shift_by_pictures
+from processing.fusion.surface_registration import SurfacePixels, surface_to_camera
+from processing.optics.camera_model import Pinhole
 from processing.optics.debias import debias
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 
@@ -57,6 +68,21 @@ class Registered:
     shift: PictureShift | None = None
     bodies: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
     """Where (ny, nx) each kind of body stands, where that is known."""
+    camera: Pinhole | None = None
+    """Which the pictures were registered with."""
+    relief: bool = False
+    """Whether the ground was a height map, and not a plane."""
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """What the registration by geometry relies on; see :func:`polfuse_lab.products.fuse.fuse`."""
+
+    angle_sd_rad: float
+    height_sd_m: float
+    refine: bool = False
+    heights: Path | str | None = None
+    camera: Path | str | None = None
 
 
 def is_simulated(products: Products) -> bool:
@@ -105,26 +131,40 @@ def of_simulation(products: Products, notes: list[str], *, refine: bool) -> Regi
     )
 
 
-def of_session(
-    products: Products, notes: list[str], *, angle_sd_rad: float, height_sd_m: float, refine: bool
-) -> Registered:
+def of_session(products: Products, notes: list[str], geometry: Geometry) -> Registered:
     """Stages "calibration", "polarimetry" and "optics", registered by the rig's geometry.
 
     Args:
         products: the file.
         notes: added to.
-        angle_sd_rad, height_sd_m, refine: as :func:`polfuse_lab.products.fuse.fuse`.
+        geometry: what the registration relies on.
 
     Raises:
-        PolfuseError: a stage that is missing.
+        PolfuseError: a stage that is missing, or a file that cannot be used.
+        DataError: a height map that the picture does not lie on.
     """
     polarimetry, calibration = products.read("polarimetry"), products.read("calibration")
     settings = products.settings("calibration")
     optics, camera = products.read("optics"), pinhole_of(products.settings("optics"))
+    if geometry.camera is not None:
+        camera = with_lens(camera, geometry.camera)
     x_m, y_m, z_m = polarimetry["x_m"], polarimetry["y_m"], float(settings["z_m"])
-    u, v = ground_to_camera(camera, x_m, y_m, z_m)
-    errors = _geometry_errors(products, settings, angle_sd_rad, height_sd_m)
-    budget = registration_error(camera, x_m, y_m, z_m, errors)
+    angle_sd_rad, refine = geometry.angle_sd_rad, geometry.refine
+    errors = _geometry_errors(products, settings, angle_sd_rad, geometry.height_sd_m)
+    surface: SurfacePixels | None = None
+    if geometry.heights is None:
+        u, v = ground_to_camera(camera, x_m, y_m, z_m)
+    else:
+        surface = surface_to_camera(camera, read_heights(geometry.heights), x_m, y_m, z_m, geometry.height_sd_m)
+        u, v = surface.u, surface.v
+        notes.append(_relief(surface))
+
+    def error_of(errors: GeometryErrors) -> RegistrationError:
+        if surface is None:
+            return registration_error(camera, x_m, y_m, z_m, errors)
+        return surface.error(camera, errors)
+
+    budget = error_of(errors)
     shift: PictureShift | None = None
     if refine:
         seen = np.isfinite(u)
@@ -136,7 +176,7 @@ def of_session(
     if shift is not None:
         told = float(np.hypot(max(shift.right_sd_px, shift.down_sd_px), cell_px / np.sqrt(12))) / camera.focal_length_px
         errors = replace(errors, angle_rad=told)
-        budget = registration_error(camera, x_m, y_m, z_m, errors)
+        budget = error_of(errors)
         u, v = u + shift.right_px, v + shift.down_px
     s0, dolp = _stokes_on_ground(optics, u, v)
     return Registered(
@@ -155,6 +195,18 @@ def of_session(
         light_unit="counts",
         errors=errors,
         shift=shift,
+        camera=camera,
+        relief=surface is not None,
+    )
+
+
+def _relief(surface: SurfacePixels) -> str:
+    """What the height map takes away, in words."""
+    empty = int(np.count_nonzero(np.isnan(surface.points_m[..., 1])))
+    folded = int(np.count_nonzero(surface.layover_px > 0))
+    return (
+        f"height map: {int(surface.hidden.sum())} pixels are hidden from the camera, {empty} lie in the radar's shadow "
+        f"or outside the map, {folded} show several places at once"
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.camera_lens import holds_lens, with_lens
 from polfuse_lab.products.optics_calibration import load_corrections
 from polfuse_lab.products.optics_frames import camera_of, is_active, refuse_changes, stacked, usable_frames
 from polfuse_lab.products.store import Products
@@ -96,7 +97,8 @@ def optics(
         intensity_stability: relative standard deviation of light and exposure from one angle to another; of the pixels'
             response for a camera with a mosaic.
         corrections: a products file with stages "flat", "linearity" or "analyser"
-            (:mod:`polfuse_lab.products.optics_calibration`), which are applied.
+            (:mod:`polfuse_lab.products.optics_calibration`) or "camera" (:mod:`polfuse_lab.products.camera_lens`),
+            which are applied.
         register: ``"off"``, ``"auto"`` or ``"on"``: whether shifts between the images of a turning polarizer are
             measured and undone (:func:`processing.optics.shifts.registered`).
         demosaic: of :data:`processing.optics.demosaic.METHODS`; bilinear if left out.
@@ -155,15 +157,19 @@ def optics(
     image = averaged.stokes()
     choice = averaged.demosaicer
     used = choice.method if choice else demosaic or "bilinear"
+    seen, lens = pinhole(camera), corrections is not None and holds_lens(corrections)
+    if corrections is not None and lens:
+        seen = with_lens(seen, corrections)
     products = Products(products_path)
     products.write(
         STAGE,
         {name: getattr(image, name) for name in UNITS},
         settings={
             **_settings(camera, averaged, stack.incomplete_frames),
+            "camera": asdict(seen),
             "demosaic": used if camera.has_mosaic else None,
             **({} if choice is None else _told(choice)),
-            "corrected": [name for name, done in _corrected(found, analysers).items() if done],
+            "corrected": [name for name, done in {**_corrected(found, analysers), "lens": lens}.items() if done],
         },
         inputs=[Path(session_path), *([] if corrections is None else [Path(corrections)])],
         units=UNITS,
@@ -226,7 +232,6 @@ def series_of(settings: Mapping[str, Any]) -> PolarizerSeries:
 
 def _settings(camera: CameraSection, averaged: AveragedSeries, incomplete_frames: int) -> dict[str, Any]:
     return {
-        "camera": asdict(pinhole(camera)),
         "series": asdict(averaged.series),
         "condition_number": averaged.series.condition,
         "incomplete_frames": incomplete_frames,

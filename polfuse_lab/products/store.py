@@ -42,10 +42,14 @@ MADE_BY = {
     "optics": "polfuse optics SESSION.h5 -o PRODUCTS.h5",
     "raytrace": "polfuse raytrace SCENE.toml -o PRODUCTS.h5",
     "simulation": "polfuse simulate SCENE.toml -o PRODUCTS.h5",
+    "history": "polfuse simulate SCENE.toml -o PRODUCTS.h5, with a body that moves",
+    "exposures": "polfuse simulate SCENE.toml -o PRODUCTS.h5, with a body that moves and camera.exposure_interval_s",
     "active_optics": "polfuse optics SESSION.h5 -o PRODUCTS.h5",
     "flat": "polfuse optics SESSION.h5 -o PRODUCTS.h5 --as flat",
     "linearity": "polfuse optics SESSION.h5 -o PRODUCTS.h5 --as linearity",
     "analyser": "polfuse optics SESSION.h5 -o PRODUCTS.h5 --as analyser",
+    "camera": "polfuse optics BOARDS -o PRODUCTS.h5 --as camera",
+    "motion": "polfuse motion SESSION.h5 -o PRODUCTS.h5",
     "fusion": "polfuse fuse PRODUCTS.h5",
 }
 """The command that makes each stage."""

@@ -161,7 +161,7 @@ def camera_sees(heights: HeightMap, z_m: float, eye_m: ArrayLike, points_m: Arra
         points_m: (n, 3).
     """
     eye, points = np.asarray(eye_m, dtype=np.float64), np.asarray(points_m, dtype=np.float64)
-    seen = np.isfinite(points).all(axis=-1)
+    seen: NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=-1))
     top = z_m + float(np.nanmax(heights.height_m))
     fall = eye[2] - points[:, 2]
     # Above the highest place of the map there is nothing in the way.

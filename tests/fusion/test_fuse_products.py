@@ -13,8 +13,9 @@ from typer.testing import CliRunner
 
 from polfuse_lab.cli import build
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products import style
 from polfuse_lab.products.calibrate import TargetSpec, calibrate
-from polfuse_lab.products.figures_fusion import draw_all, pauli_rgb
+from polfuse_lab.products.figures_fusion import both_figure, draw_all, pauli_rgb
 from polfuse_lab.products.fuse import fuse
 from polfuse_lab.products.store import Products
 from processing.polarimetry.pauli import lexicographic_vector, matrix_of_pauli, pauli_vector
@@ -86,6 +87,28 @@ def test_undefined_pixels_are_nan_everywhere_and_have_no_class(products: Path) -
     # Within the frame, at least the error of the camera's direction: 1 degree about each axis.
     least = np.radians(1) * CAMERA.focal_length_px * np.sqrt(2)
     assert np.nanmin(stage["registration_error_px"]) >= least * (1 - 1e-6)
+
+
+def test_a_scene_on_a_height_map(products: Path, tmp_path: Path) -> None:
+    # A wall of 0.6 m across the scene at 10 m: what lies behind is in the radar's shadow, 1.07 m up, to
+    # 10.1 * 1.07 / 0.47 = 23 m; the camera stands as high.
+    x, y = np.linspace(-6, 6, 7), np.array([3.0, 9.9, 9.95, 10.05, 10.1, 20.0])
+    heights = np.repeat(np.array([0, 0, 0.6, 0.6, 0, 0])[:, None], 7, axis=1)
+    np.savez(tmp_path / "wall.npz", x_m=x, y_m=y, height_m=heights, sd_m=np.full(heights.shape, 0.02))
+    fuse(products)
+    flat = Products(products).read("fusion")
+    found = fuse(products, heights=tmp_path / "wall.npz")
+    stage, settings = Products(products).read("fusion"), Products(products).settings("fusion")
+    assert any("lie in the radar's shadow" in note for note in found.notes)
+    assert np.isnan(at(stage["features"], *DIHEDRAL.position_m[:2])).all()
+    assert np.isnan(stage["u_px"][GRID.y_m > 10.2]).all()
+    # Before the wall nothing changes but the error, whose height is better known.
+    before = GRID.y_m < 9.5
+    np.testing.assert_allclose(stage["u_px"][before], flat["u_px"][before], atol=1e-3)
+    seen = np.isfinite(flat["u_px"]) & before[:, None]
+    assert (stage["registration_error_px"][seen] < flat["registration_error_px"][seen]).all()
+    assert settings["heights"] == "wall.npz"
+    style.save(both_figure(Products(products)), tmp_path / "f.png")
 
 
 def test_same_seed_same_arrays(products: Path) -> None:
