@@ -19,6 +19,7 @@ from PySide6.QtCore import QEvent, QEventLoop, QObject, Qt, QTimer
 from PySide6.QtWidgets import QWidget
 
 from gui.app import make_application
+from gui.garbage import Garbage
 from gui.main_window import MainWindow
 from gui.pages.live_page import LivePage
 from polfuse_lab.live import LiveView
@@ -110,6 +111,7 @@ def main() -> None:
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     application = make_application()
     window = MainWindow()
+    garbage = Garbage(window)
     page = window.page("live")
     assert isinstance(page, LivePage)
     window.resize(*SIZES[0])
@@ -132,6 +134,7 @@ def main() -> None:
         page.show_tab(next(tabs))
 
     phases.append(heart.measure(Phase("resized and switched"), seconds, disturb))
+    garbage.end()
     window.close()
     application.processEvents()
     print(json.dumps([asdict(phase) for phase in phases]))

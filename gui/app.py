@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QApplication
 
 from gui import theme, translation
 from gui.errors import Uncaught
+from gui.garbage import Garbage
 from gui.main_window import MainWindow
 from polfuse_lab import remembered
 
@@ -42,6 +43,7 @@ def run(opened: Path | None = None) -> int:
     uncaught = Uncaught()
     uncaught.install()
     window = MainWindow()
+    garbage = Garbage(window)
     uncaught.tell_in(window.error_bar.tell)
     window.settings_page.looks_changed.connect(
         lambda name, points: theme.apply(application, theme.ThemeName(name), points)
@@ -52,4 +54,5 @@ def run(opened: Path | None = None) -> int:
     try:
         return application.exec()
     finally:
+        garbage.end()
         uncaught.remove()

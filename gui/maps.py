@@ -19,6 +19,8 @@ MAPS = (SEQUENTIAL, FRACTION, CYCLIC, DIVERGING, "cividis", "gray")
 ENTRIES = 256
 SPAN_DB = 70.0
 """From the brightest to the darkest level that is told apart where nothing else is said, dB."""
+SETTLED = 0.03
+"""Share of a colour scale by which its ends may be out while pictures come one after another."""
 NOTHING_DB = -170.0
 """Levels below are of amplitudes that are zero."""
 
@@ -52,6 +54,18 @@ def percentile_levels(values: NDArray[np.floating], low: float = 5.0, high: floa
         return 0.0, 1.0
     bottom, top = (float(level) for level in np.percentile(finite, (low, high)))
     return (bottom, top) if top > bottom else (bottom - 0.5, bottom + 0.5)
+
+
+def settled(limits: tuple[float, float], before: tuple[float, float] | None) -> tuple[float, float]:
+    """Display limits that do not dance: those from before, where they differ by less than :data:`SETTLED` of the span.
+
+    A colour bar whose limits stay need not be drawn anew, which takes longer than the picture beside it.
+    """
+    if before is None:
+        return limits
+    allowed = SETTLED * (before[1] - before[0])
+    near = all(abs(now - then) <= allowed for now, then in zip(limits, before, strict=True))
+    return before if near else limits
 
 
 def level_limits(level_db: NDArray[np.floating], span_db: float = SPAN_DB) -> tuple[float, float]:

@@ -28,6 +28,7 @@ from gui.widgets.colour_bar import ColourBar
 from gui.widgets.layout import button, title
 from gui.widgets.level_meter import LevelMeter
 from gui.widgets.picture_view import PictureView, Quantity
+from gui.widgets.plots import Plot
 from gui.widgets.profile_view import CHANNELS, ProfileView
 from gui.widgets.replay_bar import ReplayBar
 from gui.widgets.turns import TURNS
@@ -42,6 +43,8 @@ DOLP = Quantity("DOLP", "1", maps.FRACTION, 0.0, 1.0, digits=3)
 AOP = Quantity("AOP", "°", maps.CYCLIC, -90.0, 90.0)
 NEWS_S = 10.0
 """After so long without anything new, that is said."""
+PIXELS_A_TICK = 250_000
+"""Pictures of more pixels together are drawn in several ticks, so that they do not hold the window up."""
 
 
 class LivePage(QWidget):
@@ -52,7 +55,10 @@ class LivePage(QWidget):
         self._bench = bench
         self.link = bench.live
         self._frozen = False
-        self._later: list[Callable[[], None]] = []
+        self._soon: dict[Plot, tuple[int, Callable[[], None]]] = {}
+        """What is to be drawn: how many pixels, and how; of one plot the newest."""
+        self._profiles: dict[str, Shown] = {}
+        self._sar_limits: tuple[float, float] | None = None
         self._draw: dict[str, Callable[[], None]] = {}
         self.tabs = QTabWidget()
         for name, text, view, draw in (
@@ -89,7 +95,7 @@ class LivePage(QWidget):
         bench.engine.status.connect(self._status)
         bench.engine.finished.connect(lambda _: self.replay.hide())
         bench.engine.failed.connect(lambda *_: self.replay.hide())
-        self.tabs.currentChanged.connect(lambda _: self.link.forget())
+        self.tabs.currentChanged.connect(lambda _: self._anew())
         self.link.tick.connect(self._tick)
         bench.engine.finished.connect(lambda _: self._over())
         self.link.opened.connect(self._waiting)
@@ -99,7 +105,7 @@ class LivePage(QWidget):
     def shown(self) -> None:
         """The page has come to the front."""
         self._here = True
-        self.link.forget()
+        self._anew()
 
     def hidden(self) -> None:
         """Another page is in front: nothing is drawn."""
@@ -217,12 +223,31 @@ class LivePage(QWidget):
         if not self._here or self._frozen or TURNS.busy:
             return
         self._draw[self._tab_names[self.tabs.currentIndex()]]()
+        self._draw_some()
         old = self.link.age_s()
         if self._bench.engine.replaying and not self._ended:
             # Its samples are as old as the recording.
             self._tell(self.tr("a recording is played"))
         elif old is not None and not self._ended:
             self._tell((self.tr("{0} old") if old < NEWS_S else self.tr("no news for {0}")).format(age(old)))
+
+    def _draw_some(self) -> None:
+        """Draw what there is room for in one tick, first what has waited longest."""
+        room = PIXELS_A_TICK
+        for plot, (pixels, draw) in list(self._soon.items()):
+            if pixels > room and room < PIXELS_A_TICK:
+                return
+            first = not plot.shows
+            del self._soon[plot]
+            draw()
+            room -= pixels
+            if first:
+                return  # axes, numbers and colours are made as well: enough for one tick
+
+    def _anew(self) -> None:
+        """Something else has come to the front: all of it is drawn."""
+        self._soon.clear()
+        self.link.forget()
 
     def _fall_anew(self) -> None:
         self.waterfall.clear()
@@ -245,17 +270,23 @@ class LivePage(QWidget):
         for channel in CHANNELS:
             found = self.link.newest(f"profile.{channel}")
             if found is not None:
-                range_m = found.arrays["range_m"]
-                self.profile.show_profile(channel, float(range_m[1] - range_m[0]), found.arrays["level_db"])
+                self._profiles[channel] = found
+                self._soon[self.profile] = 0, self._draw_profiles
         lines = self.link.since(f"waterfall.{self.waterfall_channel.currentText()}", self.waterfall.most)
         for line in lines:
             self.waterfall.add(float(line.values["range_step_m"]), line.arrays["level_db"])
         if lines:
-            self.waterfall.refresh()
+            self._soon[self.waterfall] = self.waterfall.pixels, self.waterfall.refresh
         levels = self.link.newest("levels")
         if levels is not None:
             self.beat.show_level(levels.values["beat_peak"], levels.values["beat_rms"])
             self.sync.show_level(levels.values["sync_peak"], levels.values["sync_rms"])
+
+    def _draw_profiles(self) -> None:
+        for channel, found in self._profiles.items():
+            range_m = found.arrays["range_m"]
+            self.profile.show_profile(channel, float(range_m[1] - range_m[0]), found.arrays["level_db"])
+        self._profiles.clear()
 
     def _draw_speeds(self) -> None:
         found = self.link.newest(f"doppler.{self.doppler_channel.currentText()}")
@@ -269,12 +300,17 @@ class LivePage(QWidget):
         found = self.link.newest("sar")
         if found is not None:
             limits = float(found.values["low_db"]), float(found.values["high_db"])
+            limits = self._sar_limits = maps.settled(limits, self._sar_limits)
             self.sar_bar.show_limits(limits)
+            axes = found.arrays["x_m"], found.arrays["y_m"]
             for channel, level_db in zip(found.values["channels"], found.arrays["level_db"], strict=True):
-                self.sar[channel].show_values(level_db, found.arrays["x_m"], found.arrays["y_m"], limits=limits)
+                view = self.sar[channel]
+                self._soon[view] = level_db.size, partial(view.show_values, level_db, *axes, limits=limits)
         colours = self.link.newest("pauli")
         if colours is not None:
-            self.pauli.show_colours(colours.arrays["rgb"], colours.arrays["x_m"], colours.arrays["y_m"])
+            rgb = colours.arrays["rgb"]
+            draw = partial(self.pauli.show_colours, rgb, colours.arrays["x_m"], colours.arrays["y_m"])
+            self._soon[self.pauli] = rgb[..., 0].size, draw
 
     def _draw_camera(self) -> None:
         newest: Shown | None = None
@@ -284,18 +320,20 @@ class LivePage(QWidget):
                 if found is not None and (newest is None or found.t_sample_ns > newest.t_sample_ns):
                     newest = found
         if newest is not None:
-            image = newest.arrays["image"].astype(np.float32)
-            self.frame.show_values(image, marked=newest.arrays["saturated"] > 0)
-            share = float(newest.values["saturated_fraction"])
-            words = self.tr("newest frame, {0:g}°").format(newest.values["angle_deg"])
-            if share > 0:
-                words += self.tr(": {0:.2g} % saturated").format(100 * share)
-            self.frame.item.setTitle(words)
-        if not self._later:
-            found = self.link.newest("optics")
-            self._later = [] if found is None else [partial(self._draw_light, name, found) for name in self.optics]
-        if self._later:
-            self._later.pop(0)()  # one at a time, so that none holds up the next frame
+            self._soon[self.frame] = newest.arrays["image"].size, partial(self._draw_frame, newest)
+        found = self.link.newest("optics")
+        if found is not None:
+            for name, view in self.optics.items():
+                self._soon[view] = found.arrays[name].size, partial(self._draw_light, name, found)
+
+    def _draw_frame(self, newest: Shown) -> None:
+        image = newest.arrays["image"].astype(np.float32)
+        self.frame.show_values(image, marked=newest.arrays["saturated"] > 0)
+        share = float(newest.values["saturated_fraction"])
+        words = self.tr("newest frame, {0:g}°").format(newest.values["angle_deg"])
+        if share > 0:
+            words += self.tr(": {0:.2g} % saturated").format(100 * share)
+        self.frame.entitle(words)
 
     def _draw_light(self, name: str, found: Shown) -> None:
         scale, sd = {"s0": (1.0, None), "dolp": (1.0, "dolp_sd"), "aop_rad": (180 / math.pi, "aop_sd_rad")}[name]
@@ -314,7 +352,7 @@ class LivePage(QWidget):
         self._frozen = self.freeze_button.isChecked()
         self.freeze_button.setText(self.tr("Go on") if self._frozen else self.tr("Freeze"))
         if not self._frozen:
-            self.link.forget()
+            self._anew()
 
     def _save(self) -> None:
         name, _ = QFileDialog.getSaveFileName(self, self.tr("Save this view"), "view.png", "PNG (*.png);;PDF (*.pdf)")

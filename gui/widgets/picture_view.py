@@ -69,6 +69,8 @@ class PictureView(Plot):
         self._marks: pg.ImageItem | None = None
         self._limits: tuple[float, float] | None = None
         self._given: tuple[float, float] | None = None
+        self._followed: tuple[float, float] | None = None
+        self._told: tuple[float, float] | None = None
         self.image = pg.ImageItem(axisOrder="row-major")
         self.image.setZValue(-10)
         self.item.addItem(self.image)
@@ -118,7 +120,9 @@ class PictureView(Plot):
         if self._frozen:
             return
         self._values, self._sd = values, sd
-        levels = self._limits or limits or self._automatic(values)
+        levels = self._limits or limits
+        if levels is None:
+            levels = self._followed = maps.settled(self._automatic(values), self._followed)
         self.image.setImage(values, autoLevels=False, levels=levels)
         self._place(values.shape[:2], x, y)
         self._given = limits
@@ -267,7 +271,8 @@ class PictureView(Plot):
         return (bottom if low is None else low, top if high is None else high)
 
     def _show_levels(self, levels: tuple[float, float]) -> None:
-        if self._with_bar:
+        if self._with_bar and levels != self._told:
+            self._told = levels
             self.bar.blockSignals(True)
             self.bar.setLevels(levels)
             self.bar.blockSignals(False)
@@ -275,6 +280,7 @@ class PictureView(Plot):
     def _chosen(self) -> None:
         low, high = self.bar.levels()
         self._limits = float(low), float(high)
+        self._told = None
 
 
 def _span(axis: NDArray[np.floating] | None, number: int) -> tuple[float, float]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import pyqtgraph as pg
 from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt, Signal
@@ -15,9 +17,15 @@ LINE_PX = 2
 SMALLEST_PX = 90
 BAR_ROOM_PX = 26
 """For the ticks and the label of a colour bar, beside its numbers."""
+AXIS_ROOM_PX = 8
+"""For the ticks of an axis, and between its numbers and its label."""
 CURSOR = "#19d3e6"
 """Colour of the cross: seen on dark and on light pictures."""
 SIDES = ("bottom", "left")
+TICKS = 1
+"""Finest ticks: numbers and halves. Each finer one costs as much again, with its lines through the whole plot."""
+DIGITS = 4
+"""For so many, a sign among them, there is always room beside an axis: it does not move as the numbers grow."""
 
 
 def cached(axis: pg.AxisItem) -> None:
@@ -50,7 +58,7 @@ class Plot(QWidget):
             # Units stand as they are given: nobody wants "mm" while a range passes 1 m.
             axis.enableAutoSIPrefix(False)
             axis.setLabel(f"{label} [{unit}]" if unit else label)
-            axis.setStyle(showValues=False)
+            axis.setStyle(showValues=False, maxTickLevel=TICKS)
             cached(axis)
         self._empty: QLabel | None = QLabel(self.tr("nothing to show yet"))
         self._empty.setProperty("role", "dim")
@@ -84,6 +92,15 @@ class Plot(QWidget):
             axis.setTextPen(shown.text)
         label = self.item.titleLabel
         label.setText(label.text, color=shown.text)
+        self._make_room()
+
+    def _make_room(self) -> None:
+        """Room for the numbers from the beginning: the whole plot would be laid out anew, and drawn, once they come."""
+        metrics = self.fontMetrics()
+        bottom, left = (self.item.getAxis(side) for side in SIDES)
+        words_px = [0.8 * axis.label.boundingRect().height() + AXIS_ROOM_PX for axis in (bottom, left)]
+        bottom.setHeight(round(words_px[0] + 0.8 * metrics.height()))
+        left.setWidth(round(words_px[1] + metrics.horizontalAdvance("0" * DIGITS)))
 
     def changeEvent(self, event: QEvent) -> None:  # noqa: N802 - Qt's name
         """Another theme was chosen."""
@@ -139,6 +156,11 @@ class Plot(QWidget):
             for side in SIDES:
                 self.item.getAxis(side).setStyle(showValues=True)
 
+    def entitle(self, words: str) -> None:
+        """Write above the plot; what stands there already is not laid out anew."""
+        if words != self.item.titleLabel.text:
+            self.item.setTitle(words, color=theme.current().text)
+
     def say_empty(self, words: str) -> None:
         """Say why there is nothing yet."""
         if self._empty is not None:
@@ -173,3 +195,17 @@ class Plot(QWidget):
         inside = self.item.vb.sceneBoundingRect().contains(at)
         place = self.item.vb.mapSceneToView(at) if inside else None
         self.pointed.emit(None if place is None else (place.x(), place.y()))
+
+
+def _demo() -> QWidget:
+    plot = Plot("range", "m", "level", "dB")
+    plot.item.plot([0.0, 2.0, 4.0, 6.0, 8.0], [-60.0, -58.0, -20.0, -55.0, -61.0], pen=theme.current().curves[0])
+    plot.filled()
+    plot.show_cursor((4.0, -20.0))
+    return plot
+
+
+if __name__ == "__main__":
+    from gui.widgets.demo import run
+
+    sys.exit(run(_demo))

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import shiboken6
 from PySide6.QtCore import QObject, QTimer
+from PySide6.QtWidgets import QWidget
 
 NEXT_MS = 1
 """Not 0: what is due at once comes before the window is painted, all of it in one block."""
@@ -15,7 +16,8 @@ NEXT_MS = 1
 class Turns:
     """Each widget's change gets a turn of the event loop of its own; the first is made at once.
 
-    A page of many plots that is shown or resized would hold the window up until the last of them is drawn.
+    A page of many plots that is shown or resized would hold the window up until the last of them is drawn. So a widget
+    that had to wait is painted in its turn too, not with all the others when the window is painted next.
     """
 
     def __init__(self) -> None:
@@ -46,6 +48,8 @@ class Turns:
             if shiboken6.isValid(owner):
                 self._rest()
                 change()
+                if isinstance(owner, QWidget):
+                    owner.repaint()
                 return
 
 

@@ -59,6 +59,11 @@ class WaterfallView(Plot):
         """How many lines are kept."""
         return self._lines_kept
 
+    @property
+    def pixels(self) -> int:
+        """How many pixels :meth:`refresh` draws."""
+        return 0 if self._ring is None else self._ring.size
+
     def clear(self) -> None:
         """Forget all lines."""
         self._ring = None

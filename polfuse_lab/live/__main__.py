@@ -17,6 +17,10 @@ if __name__ == "__main__":
     if hasattr(os, "nice"):
         with contextlib.suppress(OSError):
             os.nice(NICE)
+    if hasattr(os, "SCHED_BATCH"):
+        # Nor does it take the processor from anybody in the middle of something.
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     # One core for pictures at most; the others are for whoever records. Read when numba is imported.
     os.environ["NUMBA_NUM_THREADS"] = "1"
     from polfuse_lab.live.process import main

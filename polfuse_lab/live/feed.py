@@ -24,6 +24,8 @@ TICK_S = 0.04
 REACH_S = 0.25
 """Longest pause of this thread that loses no audio for display, s."""
 QUEUE_BYTES = 96_000_000
+FRAMES_WAITING = 24
+"""Frames that wait at most: older ones are of no use for display, and would keep everything behind them waiting."""
 PAST_BYTES = 32_000_000
 PAST_FRAMES = 8
 """Records and frames kept for a live process that is started in the middle of a run."""
@@ -67,7 +69,7 @@ class LiveFeed:
             "drain_s": drain_s,
         }
         self._waiting: deque[Record] = deque()
-        self._bytes = 0
+        self._bytes = self._frames = 0
         self._lock = threading.Lock()
         self._wake = threading.Event()
         self._ended = False
@@ -94,7 +96,7 @@ class LiveFeed:
         return None if self._process is None else self._process.pid
 
     def offer(self, record: Record) -> None:
-        """Take a record; returns at once. The oldest waiting ones are dropped when there are too many."""
+        """Take a record; returns at once. The oldest frames that wait are dropped when there are too many."""
         size = _size(record)
         with self._lock:
             if isinstance(record, Exposure):
@@ -108,10 +110,23 @@ class LiveFeed:
                 return
             self._waiting.append(record)
             self._bytes += size
-            while self._bytes > QUEUE_BYTES:
-                self._bytes -= _size(self._waiting.popleft())
-                self.dropped += 1
+            self._frames += isinstance(record, Exposure)
+            while self._frames > FRAMES_WAITING or self._bytes > QUEUE_BYTES:
+                self._drop()
         self._wake.set()
+
+    def _drop(self) -> None:
+        """Leave out what waits longest: of the frames, while there are any."""
+        oldest = next((record for record in self._waiting if isinstance(record, Exposure)), self._waiting[0])
+        # Not remove(), which compares arrays.
+        place = next(number for number, record in enumerate(self._waiting) if record is oldest)
+        del self._waiting[place]
+        self._taken(oldest)
+        self.dropped += 1
+
+    def _taken(self, record: Record) -> None:
+        self._bytes -= _size(record)
+        self._frames -= isinstance(record, Exposure)
 
     def start(self) -> None:
         """Somebody watches: start the live process. Idempotent; returns at once."""
@@ -158,7 +173,7 @@ class LiveFeed:
                 while self._waiting:
                     with self._lock:
                         record = self._waiting.popleft()
-                        self._bytes -= _size(record)
+                        self._taken(record)
                     self._say(*wire.record_message(record))
                     if time.monotonic() - last >= TICK_S:
                         break
@@ -178,6 +193,7 @@ class LiveFeed:
             # All that is still known of the run: the image begins with its first position, whenever somebody comes.
             self._waiting = deque((*self._past, *self._past_frames))
             self._bytes = sum(map(_size, self._waiting))
+            self._frames = len(self._past_frames)
 
     def _again(self, error: Exception) -> bool:
         """After the live process has gone: whether it is to be started once more."""

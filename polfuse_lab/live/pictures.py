@@ -102,8 +102,7 @@ class Pictures:
             quarters = split(frame.image, self._mosaic)
             planes = [bin_frame(plane, factor, camera.saturation_counts) for plane in quarters]
             name, across = "mosaic", 2 * factor
-        image: Floats = np.stack([mean for mean, _ in planes]).mean(axis=0, dtype=np.float32)
-        saturated: Floats = np.stack([share for _, share in planes]).mean(axis=0, dtype=np.float32)
+        image, saturated = _mean([mean for mean, _ in planes]), _mean([share for _, share in planes])
         values: dict[str, Any] = {
             "angle_deg": math.degrees(exposure.angle_rad),
             "exposure_s": frame.exposure_s,
@@ -243,6 +242,10 @@ class Pictures:
             noise=noise,
             dark_frames=dark,
         )
+
+
+def _mean(planes: list[Floats]) -> Floats:
+    return planes[0] if len(planes) == 1 else np.stack(planes).mean(axis=0, dtype=np.float32)
 
 
 def _name(angle_rad: float) -> str:

@@ -203,8 +203,9 @@ class LiveProcess:
         def work() -> None:
             while self._frames and not self._ended:
                 pictures.take(self._frames.popleft())
-                self._polarized = pictures.polarized
-                self._wakes["image"].set()
+                if pictures.polarized is not self._polarized:
+                    self._polarized = pictures.polarized
+                    self._wakes["image"].set()
 
         return work
 
