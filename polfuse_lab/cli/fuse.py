@@ -72,6 +72,11 @@ def fuse(
     camera: Annotated[
         Path | None, typer.Option(help="Products file of 'polfuse optics BOARDS --as camera': the camera's lens.")
     ] = None,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(help="Chooses lines or splines between the camera's pixels: dB, or preview, field, paper."),
+    ] = None,
+    explain: Annotated[bool, typer.Option("--explain", help="Tell why; with --tolerance.")] = False,
     figure: Annotated[Path | None, typer.Option(help="Picture to draw; beside the products file by default.")] = None,
     json_: Json = False,
     debug: Debug = False,
@@ -87,6 +92,7 @@ def fuse(
     from polfuse_lab.products import fuse as stage
     from polfuse_lab.products.figures_fusion import draw_all
     from polfuse_lab.products.store import Products
+    from polfuse_lab.tolerances import as_db
 
     made = stage.fuse(
         products,
@@ -103,6 +109,7 @@ def fuse(
         refine=refine,
         heights=heights,
         camera=camera,
+        tolerance_db=None if tolerance is None else as_db(tolerance, "picture"),
     )
     figures = draw_all(Products(products), figure or products.with_name(f"{products.stem}_fusion.png"))
     values = {
@@ -120,6 +127,7 @@ def fuse(
         "registration": made.registration,
         "registration_error_px": made.registration_error_px,
         "registration_shift_px": None if made.shift is None else [made.shift.right_px, made.shift.down_px],
+        "explanation": [] if made.resampling is None else made.resampling.explain(),
         "notes": list(made.notes),
         "products": made.products,
     }
@@ -146,6 +154,7 @@ def fuse(
             f"{classifier.value}: {100 * judged['accuracy']:.1f} % right (+- {100 * judged['accuracy_sd']:.1f}) of "
             f"{sum(map(sum, judged['counts']))} pixels that were not learnt from, kappa {judged['kappa']:.2f}"
         )
+    lines += made.resampling.explain() if made.resampling is not None and explain else []
     lines += [f"note: {note}" for note in made.notes]
     lines += [f"figure:   {path}" for path in figures]
     result(values, as_json=json_, text="\n".join([*lines, f"products: {made.products}"]))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.fuse_classes import LEARNT, Classifier, classify, confusion_settings, halves
+from polfuse_lab.products.fuse_resampling import told
 from polfuse_lab.products.fuse_sources import GEOMETRY, IDENTITY, Geometry, is_simulated, of_session, of_simulation
 from polfuse_lab.products.region_statistics import (
     ClassSummary,
@@ -29,6 +30,7 @@ from processing.fusion.anomalies import local_reed_xiaoli, reed_xiaoli
 from processing.fusion.features import FEATURES, fused_vector, normalized_components
 from processing.fusion.regions import polygon_mask
 from processing.fusion.registration_refine import PictureShift
+from processing.fusion.resampling_planner import ResamplingChoice
 from processing.fusion.separability import class_statistics
 
 Floats = NDArray[np.float64]
@@ -63,6 +65,8 @@ class FuseResult:
     """By which the camera's picture was found displaced and corrected; None where it was not."""
     registration: str = GEOMETRY
     """``"geometry"``, or ``"identity"`` for a simulation, whose pictures share a grid."""
+    resampling: ResamplingChoice | None = None
+    """How a tolerance chose to look between the camera's pixels, and why."""
 
 
 def fuse(
@@ -81,6 +85,7 @@ def fuse(
     refine: bool = False,
     heights: Path | str | None = None,
     camera: Path | str | None = None,
+    tolerance_db: float | None = None,
 ) -> FuseResult:
     """Register camera and radar on the ground, stack the fused vector (thesis 6.12), classify and compare.
 
@@ -109,6 +114,8 @@ def fuse(
             no standard deviation.
         camera: products file with stage "camera", a calibration of the camera's lens that is used instead of the rig
             file's (:mod:`polfuse_lab.products.camera_lens`).
+        tolerance_db: largest error of the camera's picture between its pixels, dB below it: chooses straight lines or
+            splines (:func:`processing.fusion.resampling_planner.choose_resampling`). Straight lines if left out.
 
     Raises:
         PolfuseError: stages that are missing, a bad regions file, or too few pixels.
@@ -116,16 +123,16 @@ def fuse(
     """
     products = Products(products_path)
     notes: list[str] = []
-    if is_simulated(products) and (heights is not None or camera is not None):
+    if is_simulated(products) and not (heights is None and camera is None and tolerance_db is None):
         raise PolfuseError(
             "both pictures of a simulation are on one grid already",
             where=str(products.path),
-            advice="leave --heights and --camera out",
+            advice="leave --heights, --camera and --tolerance out",
         )
     both = (
         of_simulation(products, notes, refine=refine)
         if is_simulated(products)
-        else of_session(products, notes, Geometry(angle_sd_rad, height_sd_m, refine, heights, camera))
+        else of_session(products, notes, Geometry(angle_sd_rad, height_sd_m, refine, heights, camera, tolerance_db))
     )
     x_m, y_m = both.x_m, both.y_m
     with np.errstate(invalid="ignore"):
@@ -167,6 +174,7 @@ def fuse(
         confusion=None if found.judged is None else confusion_settings(found.judged, found.names),
         shift=both.shift,
         registration=both.registration,
+        resampling=both.resampling,
     )
     arrays: dict[str, NDArray[Any]] = {
         "features": features.astype(np.float32),
@@ -199,6 +207,7 @@ def fuse(
         "camera": None if both.camera is None else asdict(both.camera),
         "geometry_errors": None if both.errors is None else vars(both.errors),
         "registration_shift_px": None if both.shift is None else vars(both.shift),
+        **({} if both.resampling is None else told(both.resampling)),
         "classes": {name: vars(item) for name, item in result.classes.items()},
         "regions": {name: vars(item) for name, item in result.regions.items()},
         "bhattacharyya": {name: item.distance for name, item in result.pairs.items()},

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.products.camera_lens import with_lens
+from polfuse_lab.products.fuse_resampling import chosen_resampling, stokes_on_ground
 from polfuse_lab.products.heights_file import read_heights
 from polfuse_lab.products.optics import pinhole_of
 from polfuse_lab.products.store import Products
@@ -20,12 +21,11 @@ from processing.fusion.registration import (
     RegistrationError,
     ground_to_camera,
     registration_error,
-    sample_bilinear,
 )
 from processing.fusion.registration_refine import PictureShift, shift_by_pictures
+from processing.fusion.resampling_planner import ResamplingChoice
 from processing.fusion.surface_registration import SurfacePixels, surface_to_camera
 from processing.optics.camera_model import Pinhole
-from processing.optics.debias import debias
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 
 Floats = NDArray[np.float64]
@@ -68,6 +68,8 @@ class Registered:
     shift: PictureShift | None = None
     bodies: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
     """Where (ny, nx) each kind of body stands, where that is known."""
+    resampling: ResamplingChoice | None = None
+    """How a tolerance chose to look between the camera's pixels."""
     camera: Pinhole | None = None
     """Which the pictures were registered with."""
     relief: bool = False
@@ -83,6 +85,7 @@ class Geometry:
     refine: bool = False
     heights: Path | str | None = None
     camera: Path | str | None = None
+    tolerance_db: float | None = None
 
 
 def is_simulated(products: Products) -> bool:
@@ -178,7 +181,9 @@ def of_session(products: Products, notes: list[str], geometry: Geometry) -> Regi
         errors = replace(errors, angle_rad=told)
         budget = error_of(errors)
         u, v = u + shift.right_px, v + shift.down_px
-    s0, dolp = _stokes_on_ground(optics, u, v)
+    asked = geometry.tolerance_db
+    choice = None if asked is None else chosen_resampling(optics, u, v, asked)
+    s0, dolp = stokes_on_ground(optics, u, v, 1 if choice is None else choice.degree)
     return Registered(
         x_m=x_m,
         y_m=y_m,
@@ -195,6 +200,7 @@ def of_session(products: Products, notes: list[str], geometry: Geometry) -> Regi
         light_unit="counts",
         errors=errors,
         shift=shift,
+        resampling=choice,
         camera=camera,
         relief=surface is not None,
     )
@@ -208,16 +214,6 @@ def _relief(surface: SurfacePixels) -> str:
         f"height map: {int(surface.hidden.sum())} pixels are hidden from the camera, {empty} lie in the radar's shadow "
         f"or outside the map, {folded} show several places at once"
     )
-
-
-def _stokes_on_ground(optics: Mapping[str, NDArray[Any]], u: Floats, v: Floats) -> tuple[Floats, Floats]:
-    """S0 and debiased DOLP at camera pixels: Stokes parameters are interpolated, never DOLP."""
-    masked = ~np.isfinite(optics["dolp"])
-    planes = [np.where(masked, np.nan, optics[name]) for name in ("s0", "s1", "s2", "s0_sd")]
-    s0, s1, s2, sd = (sample_bilinear(plane, u, v) for plane in planes)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # Behind angles that are spread evenly, S1 and S2 have twice the variance of S0.
-        return s0, debias(np.hypot(s1, s2), 2 * sd**2) / s0
 
 
 def shift_of_pictures(

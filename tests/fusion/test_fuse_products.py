@@ -55,6 +55,23 @@ def test_cells_too_long_for_a_refined_registration_are_told(products: Path) -> N
     assert any("radar's cell spans" in note for note in made.notes)
 
 
+def test_a_tolerance_chooses_how_to_look_between_pixels(products: Path) -> None:
+    ran = CliRunner().invoke(build(), ["fuse", str(products), "--tolerance", "perfect"])
+    assert ran.exit_code != 0
+    assert "preview, field, paper" in ran.output
+    made = fuse(products, tolerance_db=-1.0)
+    assert made.resampling is not None
+    assert "by straight lines: the fastest within -1 dB" in made.resampling.explain()[0]
+    by_lines = Products(products).read("fusion")["s0_on_ground"]
+    made = fuse(products, tolerance_db=-250.0)
+    assert made.resampling is not None
+    settings = Products(products).settings("fusion")
+    assert settings["tolerance_kept"] is False
+    assert settings["predicted_error_db"] == made.resampling.predicted_error_db
+    assert settings["resampling_degree"] == made.resampling.degree
+    np.testing.assert_allclose(Products(products).read("fusion")["s0_on_ground"], by_lines, rtol=0.1)
+
+
 def test_both_pictures_meet_at_the_targets(products: Path) -> None:
     fuse(products)
     stage = Products(products).read("fusion")
