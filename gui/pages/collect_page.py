@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from gui.models import background
 from gui.models.plan_draft import PlanDraft, Verdict
 from gui.models.words import duration, home_short, size, typed
 from gui.widgets.layout import button, card, dim, heading, title
@@ -31,6 +33,8 @@ from polfuse_lab.rig.examples import OTHER_PLANS, example_plan
 
 QUAD = ("HH", "HV", "VH", "VV")
 NOTES_SHOWN = 4
+LAST_PLAN = "collect.plan"
+"""Name among what is remembered."""
 
 
 class CollectPage(QWidget):
@@ -56,7 +60,7 @@ class CollectPage(QWidget):
         bench.engine.status.connect(self._show)
         bench.engine.finished.connect(self._ended)
         bench.engine.failed.connect(lambda *_: self._idle())
-        self._choose_kind()
+        self._begin_with(str(remembered.Settings.load().get(LAST_PLAN, "")))
 
     @property
     def outcome(self) -> Finished | None:
@@ -117,6 +121,34 @@ class CollectPage(QWidget):
         row.addLayout(column, 2)
         return view
 
+    def _begin_with(self, last: str) -> None:
+        """The plan that was written last, else the first example."""
+        self._remembered = last
+        if not last.strip():
+            self._choose_kind()
+            return
+        kind = re.search(r'^\s*kind\s*=\s*"(\w+)"', last, re.MULTILINE)
+        self.kinds.setCurrentIndex(max(self.kinds.findData(kind[1] if kind else None), 0))
+        self.text.setPlainText(last)
+        self.propose_name()
+
+    def _remember(self, text: str) -> None:
+        """Keep what is written for the next start of the program; an example as it came need not be kept."""
+        if text == example_plan(self.kinds.currentData()):
+            text = ""
+        if text == self._remembered:
+            return
+        self._remembered = text
+
+        def keep() -> str:
+            settings = remembered.Settings.load()
+            settings.set(LAST_PLAN, text or None)
+            settings.save()
+            return settings.warning
+
+        background.run(keep, lambda warning: self._bench.error.emit(warning, "") if warning else None,
+                       self._bench.error.emit)  # fmt: skip
+
     def _choose_kind(self) -> None:
         self.text.setPlainText(example_plan(self.kinds.currentData()))
         self.propose_name()
@@ -136,6 +168,7 @@ class CollectPage(QWidget):
         self.draft.change(self.text.toPlainText(), self._bench.rig, output)
 
     def _judged(self, verdict: Verdict) -> None:
+        self._remember(self.text.toPlainText())
         self.start_button.setEnabled(verdict.ready and not self._bench.engine.busy)
         outcome = verdict.outcome
         if outcome is None:

@@ -43,7 +43,9 @@ class ComparePage(QWidget):
         self.views: list[PictureView | None] = [None, None]
         self._values: list[tuple[str, float] | None] = [None, None]
         self.linked = LinkedCursor(self)
-        self.linked.moved.connect(self._tell)
+        self._camera = LinkedCursor(self)  # places in the camera's picture are none on the ground
+        for cursor in (self.linked, self._camera):
+            cursor.moved.connect(self._tell)
         self.files = [QComboBox() for _ in NAMES]
         self.pictures = [QComboBox() for _ in NAMES]
         self.places = [QVBoxLayout() for _ in NAMES]
@@ -161,7 +163,7 @@ class ComparePage(QWidget):
 
     def _show(self, number: int, picture: Picture) -> None:
         view = view_of(picture)
-        view.follow(self.linked)
+        view.follow(self.linked if view.ground else self._camera)
         self._place(number, view)
         self.views[number] = view
         left, right = self.views
@@ -179,7 +181,7 @@ class ComparePage(QWidget):
 
     def _tell(self, place: tuple[float, float] | None) -> None:
         left, right = self.views
-        if place is None or left is None or right is None:
+        if place is None or left is None or right is None or left.ground != right.ground:
             self.readout.setText(" ")
             return
         one, other = left.value_at(*place), right.value_at(*place)

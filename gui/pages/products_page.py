@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QObject, Qt
 from PySide6.QtWidgets import (
     QFileDialog,
     QHBoxLayout,
@@ -21,23 +22,37 @@ from PySide6.QtWidgets import (
 )
 
 from gui.models import background
-from gui.models.cursor import LinkedCursor
+from gui.models.cursor import JoinedCursors, LinkedCursor
 from gui.models.words import place
 from gui.saving import save_view
 from gui.widgets.job_bar import JobBar
 from gui.widgets.layout import button, card, dim, heading, show_place, title
 from gui.widgets.picture_view import PictureView
 from gui.widgets.pictured import view_of
+from gui.widgets.space_view import SpaceView
 from gui.workbench import Workbench
 from polfuse_lab import jobs
 from polfuse_lab.jobs import Job
+from polfuse_lab.products.pauli_space import SPACE, PauliSpace, load_space, space_names
 from polfuse_lab.products.pictures import Picture, load_picture, picture_names
+from polfuse_lab.products.places import Places, load_places
 from polfuse_lab.products.store import Products
 
 SUFFIXES = {"png": ".png", "geotiff": ".tif", "kmz": ".kmz", "envi": "", "polsarpro": "", "sicd": ".nitf",
             "cphd": ".cphd"}  # fmt: skip
 """Formats of export, and how their files are called; folders have no suffix."""
 DECOMPOSITIONS = ("pauli", "h-a-alpha", "freeman", "yamaguchi", "krogager", "cameron", "touzi")
+
+
+@dataclass(frozen=True, eq=False)
+class Loaded:
+    """What is to be shown."""
+
+    names: list[str]
+    shown: list[Picture | PauliSpace]
+    places: Places | None
+    """Of ground and camera, where both are shown and were registered."""
+    settings: str
 
 
 class ProductsPage(QWidget):
@@ -54,7 +69,8 @@ class ProductsPage(QWidget):
         self.list.itemSelectionChanged.connect(self._chosen)
         self.settings = QPlainTextEdit()
         self.settings.setReadOnly(True)
-        self.views: list[PictureView] = []
+        self.views: list[PictureView | SpaceView] = []
+        self._linked: list[QObject] = [self.linked]
         self._shown_names: list[str] = []
         self.pictures = QSplitter(Qt.Orientation.Horizontal)
         self._wanted: list[str] = []
@@ -110,7 +126,12 @@ class ProductsPage(QWidget):
         if path != self._path:
             self._path, self._wanted, self._known = path, [], set()
         show_place(self.where, path)
-        background.run(lambda: picture_names(Products(path)), self._listed, self._bench.error.emit)
+
+        def names() -> list[tuple[str, str]]:
+            products = Products(path)
+            return picture_names(products) + space_names(products)
+
+        background.run(names, self._listed, self._bench.error.emit)
 
     def choose(self, *names: str) -> None:
         """Choose one or two pictures by their names."""
@@ -179,32 +200,36 @@ class ProductsPage(QWidget):
             return
         self._wanted = names
 
-        def load() -> tuple[list[str], list[Picture], str]:
+        def load() -> Loaded:
             products = Products(path)
-            settings = products.settings(names[0].partition(".")[0])
-            return names, [load_picture(products, name) for name in names], _lines(settings)
+            shown = [load_space(products) if name == SPACE else load_picture(products, name) for name in names]
+            planes = {picture.x is None for picture in shown if isinstance(picture, Picture)}
+            # Only places on the ground and in the camera's picture that were registered can be told of each other.
+            places = load_places(products) if True in planes and len(names) > 1 else None
+            return Loaded(names, shown, places, _lines(products.settings(names[0].partition(".")[0])))
 
         background.run(load, self._show, self._bench.error.emit)
 
-    def _show(self, found: tuple[list[str], list[Picture], str]) -> None:
-        names, pictures, settings = found
-        if names != self._wanted:
+    def _show(self, found: Loaded) -> None:
+        if found.names != self._wanted:
             return  # something else has been chosen meanwhile
         for view in self.views:
             view.setParent(None)
             view.deleteLater()
-        self.linked.deleteLater()
-        self.linked = LinkedCursor(self)
-        self.views = [self._view(picture) for picture in pictures]
+        for link in self._linked:
+            link.deleteLater()
+        self.linked, camera = LinkedCursor(self), LinkedCursor(self)
+        self._linked = [self.linked, camera]
+        if found.places is not None:
+            ways = found.places.to_camera, found.places.to_ground
+            self._linked.append(JoinedCursors(self.linked, camera, *ways, self))
+        self.views = [SpaceView(shown) if isinstance(shown, PauliSpace) else view_of(shown) for shown in found.shown]
         for view in self.views:
+            ground = isinstance(view, SpaceView) or view.ground
+            view.follow(self.linked if ground else camera)
             self.pictures.addWidget(view)
-        self.settings.setPlainText(settings)
-        self._shown_names = names
-
-    def _view(self, picture: Picture) -> PictureView:
-        view = view_of(picture)
-        view.follow(self.linked)
-        return view
+        self.settings.setPlainText(found.settings)
+        self._shown_names = found.names
 
     def _save(self) -> None:
         name, _ = QFileDialog.getSaveFileName(self, self.tr("Save this view"), "view.png", "PNG (*.png);;PDF (*.pdf)")

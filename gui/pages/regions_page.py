@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
@@ -25,11 +26,12 @@ from gui.widgets.layout import button, card, dim, heading, show_place, title, un
 from gui.widgets.picture_view import PictureView, Quantity
 from gui.workbench import Workbench
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.fused_colours import class_rgb
 from polfuse_lab.products.pictures import Picture, load_picture, picture_names
 from polfuse_lab.products.region_statistics import RegionReport
 from polfuse_lab.products.store import Products
 
-BACKGROUNDS = ("polarimetry.pauli", "fusion.classes", "fusion.dolp_on_ground", "fusion.s0_on_ground")
+BACKGROUNDS = ("polarimetry.pauli", "fusion.colours", "fusion.classes", "fusion.dolp_on_ground", "fusion.s0_on_ground")
 FEATURE_DIGITS = 3
 NEVER = 1e-6
 """Smaller bounds of an error say nothing about any region that could be drawn."""
@@ -143,6 +145,9 @@ class RegionsPage(QWidget):
         self.view.quantity = Quantity(picture.title, picture.unit)
         if picture.kind == "colours":
             self.view.show_colours(picture.values, picture.x, picture.y)
+        elif picture.kind == "classes":
+            colours = np.nan_to_num(255 * class_rgb(picture.values)).astype(np.uint8)
+            self.view.show_colours(colours, picture.x, picture.y)
         else:
             self.view.show_values(picture.values.astype("float32"), picture.x, picture.y, limits=picture.limits)
 

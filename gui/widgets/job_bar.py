@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QProgressBar, QWidget
 
 from gui.models.job_list import OVER, JobList
@@ -53,3 +55,20 @@ class JobBar(QFrame):
     def _cancel(self) -> None:
         if self._job is not None:
             self._job.cancel()
+
+
+def _demo() -> QWidget:
+    from polfuse_lab.jobs import JobSpec, Progress
+
+    jobs = JobList()
+    bar = JobBar(jobs)
+    jobs.setParent(bar)
+    told = Progress(0.4, "back-projection of HV", 37.0, 24.0)
+    jobs.changed.emit(Job(JobSpec("focus", "Focus field.h5", ()), 1, "running", told))
+    return bar
+
+
+if __name__ == "__main__":
+    from gui.widgets.demo import run
+
+    sys.exit(run(_demo, 760, 80))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -81,3 +82,29 @@ def _label(text: str, role: str) -> QLabel:
     label = QLabel(text)
     label.setProperty("role", role)
     return label
+
+
+def _demo() -> QWidget:
+    undo = QUndoStack()
+    page = QWidget()
+    page.setWindowTitle("pieces of pages")
+    column = QVBoxLayout(page)
+    undo.setParent(page)
+    column.addWidget(title("Title of a page"))
+    column.addWidget(
+        card(
+            heading("Heading of a part"),
+            dim("Words that explain, on as many lines as they need."),
+            button("Main thing to do", lambda: None, "What it does", "primary"),
+            button("Something else", lambda: None),
+            button("What cannot be taken back", lambda: None, role="danger"),
+            *undo_buttons(undo, "Undo", "Redo"),
+        )
+    )
+    return page
+
+
+if __name__ == "__main__":
+    from gui.widgets.demo import run
+
+    sys.exit(run(_demo, 420, 380))

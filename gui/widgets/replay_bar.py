@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QDoubleSpinBox, QFrame, QHBoxLayout, QLabel, QSlider, QWidget
 
@@ -84,3 +86,18 @@ class ReplayBar(QFrame):
         paused = self.pause_button.isChecked()
         self.pause_button.setText(self.tr("Go on") if paused else self.tr("Pause"))
         self.pause_wanted.emit(paused)
+
+
+def _demo() -> QWidget:
+    from gui.widgets.status_strip import demo_status
+
+    bar = ReplayBar()
+    bar.begin(4.0)
+    bar.show_status(demo_status())
+    return bar
+
+
+if __name__ == "__main__":
+    from gui.widgets.demo import run
+
+    sys.exit(run(_demo, 760, 80))

@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from polfuse_lab.products import style
 from polfuse_lab.products.fused_colours import colour_of_class, fused_colours_figure, largest_shown
 from polfuse_lab.products.optics import pinhole_of
 from polfuse_lab.products.pauli_space import class_names, load_space, space_figure
+from polfuse_lab.products.places import Places
 from polfuse_lab.products.store import Products
 from processing.optics.camera_model import Pinhole
 from processing.polarimetry.pauli import display_components, lexicographic_vector, matrix_of_pauli
@@ -215,7 +215,7 @@ def overlay_figure(optics: Arrays, polarimetry: Arrays, fusion: Arrays, camera: 
     colour = np.nan_to_num(pauli_rgb(polarimetry["pauli"]))
     columns, rows = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
     if z_m is None:
-        i, j = _registered(fusion["u_px"], fusion["v_px"], columns, rows)
+        i, j = Places(fusion).pixels(columns, rows)
     else:
         ground = camera.on_plane(columns, rows, z_m)
         j, i = _nearest(ground[..., 0], x), _nearest(ground[..., 1], y)
@@ -289,28 +289,6 @@ def _range_lines(axes: Axes, camera: Pinhole, x: NDArray[Any], y: NDArray[Any], 
             continue
         labelled = float(v[last])
         axes.text(u[last] - 3, v[last] - 3, f"{ground_range:.0f} m", color="white", fontsize="x-small", ha="right")
-
-
-def _registered(
-    u: NDArray[Any], v: NDArray[Any], columns: NDArray[Any], rows: NDArray[Any]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Row and column of the radar's pixel that is registered nearest to each camera pixel; -1 where none is near."""
-    known = np.isfinite(u) & np.isfinite(v)
-    missed = np.full(columns.shape, -1)
-    if not known.any():
-        return missed, missed
-    # As far as from there to its furthest neighbour, a pixel is a radar pixel's.
-    reach = np.zeros(u.shape)
-    for axis in (0, 1):
-        gap = np.nan_to_num(np.hypot(np.diff(u, axis=axis), np.diff(v, axis=axis)))
-        before, after = ([(0, 0), (0, 0)] for _ in range(2))
-        before[axis], after[axis] = (1, 0), (0, 1)
-        reach = np.maximum(reach, np.maximum(np.pad(gap, before), np.pad(gap, after)))
-    tree = cKDTree(np.stack([u[known], v[known]], axis=-1))
-    distance, number = tree.query(np.stack([columns, rows], axis=-1))
-    i, j = (places[number] for places in np.nonzero(known))
-    near = distance <= 0.75 * reach[known][number] + 0.5
-    return np.where(near, i, -1), np.where(near, j, -1)
 
 
 def _nearest(values: Floats, axis: NDArray[Any]) -> NDArray[np.int64]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from polfuse_lab.products import style
 from polfuse_lab.products.fused_colours import colour_of_class, largest_shown
+from polfuse_lab.products.places import pixel_of
 from polfuse_lab.products.store import Products
 
 Floats = NDArray[np.float64]
@@ -21,6 +22,7 @@ AXES = ("|HH−VV| / norm", "|HV| / norm", "|HH+VV| / norm", "DOLP")
 """Of the fused vector's components, in its order."""
 ACROSS, AWAY, UP = 2, 0, (1, 3)
 """Components on the axes: |HH+VV| to the right, |HH-VV| away, and upwards |HV| or DOLP (thesis Figs. 7.21, 7.22)."""
+SPACE = "fusion.space"
 MOST = 1200
 """Points of a class that are shown; more of them hide each other."""
 
@@ -53,11 +55,16 @@ class PauliSpace:
 
     def at(self, x_m: float, y_m: float) -> Floats | None:
         """The vector (4,) of the pixel at a place on the ground; None beside the picture and where it is undefined."""
-        column, row = (_pixel(axis, value) for axis, value in ((self.x_m, x_m), (self.y_m, y_m)))
+        column, row = (pixel_of(axis, value) for axis, value in ((self.x_m, x_m), (self.y_m, y_m)))
         if column is None or row is None:
             return None
         vector = self.features[:, row, column].astype(np.float64)
         return vector if np.isfinite(vector).all() else None
+
+
+def space_names(products: Products) -> list[tuple[str, str]]:
+    """Name and title of what a file can show in that space, as pictures have them."""
+    return [(SPACE, "Classes in Pauli space")] if "fusion" in products.stages() else []
 
 
 def load_space(products: Products) -> PauliSpace:
@@ -100,10 +107,3 @@ def _scatter(axes: Axes3D, groups: Mapping[str, Floats], names: tuple[str, ...],
     axes.set_zlabel(AXES[up], rotation=90, labelpad=8)
     axes.view_init(elev=24, azim=-58)
     axes.set_box_aspect((1, 1, 0.9), zoom=0.9)
-
-
-def _pixel(axis: NDArray[np.floating], value: float) -> int | None:
-    """Number of the pixel that a place is in; None beside them."""
-    step = float(axis[1] - axis[0]) if len(axis) > 1 else 1.0
-    number = int(np.floor((value - float(axis[0])) / step + 0.5))
-    return number if 0 <= number < len(axis) else None
