@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from polfuse_lab.cli.output import Debug, Json, guarded, result
 
+if TYPE_CHECKING:
+    from polfuse_lab.products.motion import MotionResult
+
 
 @guarded
 def motion(
     source: Annotated[
-        Path, typer.Argument(help="Phase history (.npz) of a platform that passes, or session with a polarizer series.")
+        Path,
+        typer.Argument(
+            help="Phase history (.npz) of a platform that passes, simulated scene, or session with a polarizer series."
+        ),
     ],
     output: Annotated[
         Path | None,
@@ -36,11 +42,16 @@ def motion(
 ) -> None:
     """Find moving targets and their velocities, or take their traces out of a polarizer series.
 
-    A phase history holds echoes, first_hz, step_hz, antenna_m, reference_m, time_s, beamwidth_rad and z_m.
+    A phase history holds echoes, first_hz, step_hz, antenna_m, reference_m, time_s, beamwidth_rad and z_m. Of a
+    simulated scene in which something moves, the products file holds it.
 
     Example: polfuse motion flight.npz --example
     """
-    if source.suffix == ".npz":
+    from polfuse_lab.products.store import is_products
+
+    if is_products(source):
+        values, lines = _simulated(source, figure, velocity, height_m, x, y, false_alarm)
+    elif source.suffix == ".npz":
         values, lines = _history(source, figure, x, y, false_alarm, example=example)
     else:
         values, lines = _session(source, output, figure, velocity, height_m)
@@ -71,6 +82,8 @@ def _history(
         "shift_m", "snr_db",
     )  # fmt: skip
     targets = [{name: getattr(target, name) for name in names} for target in made.found.targets]
+    for target in targets:
+        target["y_m"] += made.track_y_m
     limits = asdict(made.ambiguities)
     values = {
         "targets": targets,
@@ -97,16 +110,51 @@ def _history(
     return values, [*lines, f"figure: {drawn}"]
 
 
+def _simulated(
+    source: Path,
+    figure: Path | None,
+    velocity: tuple[float, float] | None,
+    height_m: float,
+    x: tuple[float, float] | None,
+    y: tuple[float, float] | None,
+    false_alarm: float,
+) -> tuple[dict[str, Any], list[str]]:
+    """What moves in the radar's echoes; and by its velocity, exposures that the camera took in turn, corrected."""
+    from polfuse_lab.products.motion import correct_simulated
+    from polfuse_lab.products.store import Products
+
+    values, lines = _history(source, figure, x, y, false_alarm, example=False)
+    if "exposures" not in Products(source).stages():
+        return values, lines
+    targets = values["targets"]
+    told = velocity
+    if told is None and targets:
+        told = targets[0]["azimuth_m_s"], targets[0]["ground_m_s"]
+    made = correct_simulated(source, velocity_m_s=told, height_m=height_m)
+    drawn = figure or source.with_name(f"{source.stem}_motion.png")
+    corrected, more = _told(made, drawn.with_name(f"{drawn.stem}_exposures{drawn.suffix}"))
+    if velocity is None and targets:
+        corrected["velocity_from"] = "radar"
+        more[0] = more[0].replace("(given)", "(the radar's velocity)")
+    return {**corrected, **values, "figures": [values["figure"], corrected["figure"]]}, [*lines, *more]
+
+
 def _session(
     source: Path, output: Path | None, figure: Path | None, velocity: tuple[float, float] | None, height_m: float
 ) -> tuple[dict[str, Any], list[str]]:
-    from polfuse_lab.products import style
-    from polfuse_lab.products.figures_motion import exposures_figure
     from polfuse_lab.products.motion import correct_exposures
 
     products = output or source.with_name(f"{source.stem}-products.h5")
     made = correct_exposures(source, products, velocity_m_s=velocity, height_m=height_m)
-    drawn = style.save(exposures_figure(made), figure or source.with_name(f"{source.stem}_motion.png"))
+    return _told(made, figure or source.with_name(f"{source.stem}_motion.png"))
+
+
+def _told(made: MotionResult, figure: Path) -> tuple[dict[str, Any], list[str]]:
+    """What became of the exposures, with their figure drawn."""
+    from polfuse_lab.products import style
+    from polfuse_lab.products.figures_motion import exposures_figure
+
+    drawn = style.save(exposures_figure(made), figure)
     values = {
         "velocity_from": made.velocity_from,
         "displacement_px": made.displacement_px.tolist(),

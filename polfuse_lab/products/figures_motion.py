@@ -17,14 +17,18 @@ def targets_figure(result: HistoryResult, name: str) -> Figure:
     axes = figure.subplots()
     decibels = 10 * np.log10(np.maximum(found.power, 1e-300))
     middle = float(np.nanmedian(decibels))
-    picture = style.image(axes, decibels - middle, grid.x_m, grid.y_m, low=-10.0, high=25.0, colours="gray")
+    y_m = grid.y_m + result.track_y_m
+    picture = style.image(axes, decibels - middle, grid.x_m, y_m, low=-10.0, high=25.0, colours="gray")
     axes.set_aspect("auto")
     style.colour_bar(picture, axes, "power over the median [dB]", extend="both")
     for number, (streak, target) in enumerate(zip(found.streaks, found.targets, strict=True), start=1):
         x = float(np.interp(streak.column, np.arange(len(grid.x_m)), grid.x_m))
-        y = float(np.interp(streak.row, np.arange(len(grid.y_m)), grid.y_m))
+        y = float(np.interp(streak.row, np.arange(len(y_m)), y_m))
         axes.annotate(
-            "", (target.x_m, target.y_m), (x, y), arrowprops={"arrowstyle": "->", "color": "cyan", "linewidth": 1.4}
+            "",
+            (target.x_m, target.y_m + result.track_y_m),
+            (x, y),
+            arrowprops={"arrowstyle": "->", "color": "cyan", "linewidth": 1.4},
         )
         axes.annotate(
             f"{number}: along {target.azimuth_m_s:+.2f} ± {target.azimuth_sd_m_s:.2g}, "
@@ -38,9 +42,9 @@ def targets_figure(result: HistoryResult, name: str) -> Figure:
             bbox={"facecolor": "black", "alpha": 0.6, "edgecolor": "none", "pad": 1.5},
         )
     axes.set_xlim(float(grid.x_m[0]), float(grid.x_m[-1]))
-    axes.set_ylim(float(grid.y_m[0]), float(grid.y_m[-1]))
+    axes.set_ylim(float(y_m[0]), float(y_m[-1]))
     axes.set_xlabel("along the track x [m]")
-    axes.set_ylabel("ground range y [m]")
+    axes.set_ylabel("across the track y [m]")
     style.panel(axes, "Focused for what stands; arrows lead from a streak to where the target was at time 0")
     return figure
 

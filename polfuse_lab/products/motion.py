@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.products.optics import UNITS, pinhole
+from polfuse_lab.products.optics import UNITS, pinhole, pinhole_of
 from polfuse_lab.products.optics_frames import camera_of, is_active, refuse_changes, stacked, usable_frames
 from polfuse_lab.products.store import Products
 from polfuse_lab.session import Session, open_session
 from processing.motion.division_of_time import camera_displacement, compensate, error_image, touched
 from processing.motion.flow import displacement_by_pictures
-from processing.optics.series import SensorNoise
-from processing.optics.stack import SAME_ANGLE_RAD
+from processing.optics.camera_model import Pinhole
+from processing.optics.series import PolarizerSeries, SensorNoise
+from processing.optics.stack import SAME_ANGLE_RAD, AveragedSeries
 from processing.optics.stokes import StokesImage
 
 Floats = NDArray[np.float64]
@@ -96,13 +97,52 @@ def correct_exposures(
         )
         time = _times(session, averaged.series.angles_rad)
         ground = height_m - session.rig.geometry.antenna_height_m
+        seen = pinhole(camera)
+    result = _corrected(averaged, time, seen, ground, velocity_m_s, Path(products_path))
+    _write(result, session_path, velocity_m_s, height_m)
+    return result
+
+
+def correct_simulated(
+    products_path: Path | str, *, velocity_m_s: tuple[float, float] | None = None, height_m: float = 0.0
+) -> MotionResult:
+    """As :func:`correct_exposures`, of the stage "exposures" of a simulated scene; written to the same file.
+
+    Args:
+        products_path: the simulation's products file.
+        velocity_m_s, height_m: as :func:`correct_exposures`.
+
+    Raises:
+        PolfuseError: no such stage.
+        DataError: nothing moved.
+    """
+    store = Products(products_path)
+    held, settings = store.read("exposures"), store.settings("exposures")
+    light, angles = held["electrons"], tuple(settings["angles_rad"])
+    count = len(angles)
+    series = PolarizerSeries(angles, (int(settings["frames"]),) * count, (0.0,) * count, noise=SensorNoise(0.0, 1.0))
+    averaged = AveragedSeries(light, np.zeros(light.shape[1:], dtype=np.bool_), series, incomplete=False)
+    result = _corrected(averaged, held["time_s"], pinhole_of(settings), height_m, velocity_m_s, store.path)
+    _write(result, store.path, velocity_m_s, height_m)
+    return result
+
+
+def _corrected(
+    averaged: AveragedSeries,
+    time: Floats,
+    camera: Pinhole,
+    z_m: float,
+    velocity_m_s: tuple[float, float] | None,
+    products: Path,
+) -> MotionResult:
+    """Exposures without the traces of what moves on the plane ``z_m``."""
     order = np.argsort(time)
     light = averaged.light[order].astype(np.float64)
     matrix = averaged.series.matrix[order]
     if velocity_m_s is None:
         fields, told = displacement_by_pictures(light, matrix, time[order]), "pictures"
     else:
-        fields = camera_displacement(pinhole(camera), (*velocity_m_s, 0.0), time[order], ground)
+        fields = camera_displacement(camera, (*velocity_m_s, 0.0), time[order], z_m)
         told = "given"
     made = compensate(light, matrix, fields)
     back = np.empty_like(order)
@@ -110,12 +150,10 @@ def correct_exposures(
     after = replace(averaged, light=made.light[back].astype(np.float32))
     shown = made.object_mask if made.object_mask.any() else touched(light, matrix)
     way = np.array([[np.nanmean(axis[shown]) for axis in pair] for pair in fields]) if shown.any() else np.zeros((4, 2))
-    result = MotionResult(
-        Path(products_path), averaged.stokes(), after.stokes(), error_image(light, matrix),
+    return MotionResult(
+        products, averaged.stokes(), after.stokes(), error_image(light, matrix),
         error_image(made.light, matrix), made.object_mask, made.hidden, way, time[order] - time.min(), told,
     )  # fmt: skip
-    _write(result, session_path, velocity_m_s, height_m)
-    return result
 
 
 def _write(

@@ -1,4 +1,4 @@
-"""Moving targets of a phase history in a NumPy file (.npz), and an example of one."""
+"""Moving targets of a phase history in a NumPy file (.npz) or of a simulated scene, and an example of one."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.products.store import Products, is_products
 from processing.motion.estimate import EstimateSettings
 from processing.motion.prediction import Ambiguities, Passage, ambiguities
 from processing.motion.radon import RadonSettings
@@ -35,7 +36,10 @@ class HistoryResult:
 
     found: Found
     grid: ImageGrid
+    """Below the track: y is the ground range from it."""
     ambiguities: Ambiguities
+    track_y_m: float = 0.0
+    """Where the track runs in the file's coordinates: to be added to y."""
 
 
 def moving_targets(
@@ -49,9 +53,10 @@ def moving_targets(
     """Find moving targets in a phase history.
 
     Args:
-        path: .npz file with :data:`NEEDED`.
-        x_m, y_m: first and last place of the picture along and across the track; where left out, the middle 60 % of the
-            track and what of the swath is seen from all of it.
+        path: .npz file with :data:`NEEDED`, or products file with the stage "history" of a simulation, of which the
+            stronger co-polarized channel is taken.
+        x_m, y_m: first and last place of the picture along and across the track, in the file's coordinates; where left
+            out, the middle 60 % of the track and what of the swath is seen from all of it.
         false_alarm: probability that a tile of speckle shows a streak.
         max_azimuth_m_s: fastest speed along the track.
 
@@ -59,29 +64,29 @@ def moving_targets(
         PolfuseError: a file that cannot be used, or a picture without end.
         DataError: data that cannot be used.
     """
-    held = _read(Path(path))
-    antenna, time = held["antenna_m"], held["time_s"]
+    held = _simulated(Products(path)) if is_products(path) else _read(Path(path))
+    time = held["time_s"]
     count = len(time)
+    # Motion is told from the track.
+    _, track_y, track_z = held["antenna_m"].mean(axis=0)
+    antenna = held["antenna_m"] - np.array([0.0, track_y, track_z])
     history = PhaseHistory(
         held["echoes"][None], float(held["first_hz"]), float(held["step_hz"]), antenna,
         np.broadcast_to(held["reference_m"], (count,)).astype(np.float64), ("HH",),
     )  # fmt: skip
     profiles = history_profiles(history, oversampling=2)
-    z, beam = float(held["z_m"]), float(held["beamwidth_rad"])
-    height = abs(z - float(antenna[:, 2].mean()))
+    z, beam = float(held["z_m"] - track_z), float(held["beamwidth_rad"])
+    height = abs(z)
     slant = float(np.mean(history.reference_m))
     x_first, x_last = x_m or _inner(antenna[:, 0])
-    # Places at the picture's ends are seen from the track's other end too, from further away.
-    reach = max(abs(x_last - float(antenna[:, 0].min())), abs(float(antenna[:, 0].max()) - x_first))
-    walk = math.hypot(slant, reach) - slant
-    near, far = slant - _SWATH * history.unambiguous_m, slant + _SWATH * history.unambiguous_m - walk
-    if far <= max(near, height):
+    near, far, walk = _swath(antenna[:, 0], height, history, (x_first, x_last))
+    if far <= near:
         raise PolfuseError(
             f"has a swath of {history.unambiguous_m:.0f} m in which echoes walk by {walk:.0f} m",
             where=str(path),
             advice="take fewer pulses at a time, or say a smaller --x",
         )
-    y_first, y_last = y_m or (math.sqrt(max(near, height) ** 2 - height**2), math.sqrt(far**2 - height**2))
+    y_first, y_last = (near, far) if y_m is None else (y_m[0] - track_y, y_m[1] - track_y)
     middle = (y_first + y_last) / 2
     along = profiles.wavelength_m / (4 * math.tan(beam / 2)) * 1.2
     down = profiles.resolution_m * math.hypot(middle, height) / middle * 0.75
@@ -101,7 +106,21 @@ def moving_targets(
     passage = Passage(
         speed, slant, profiles.wavelength_m, 2 * slant * math.tan(beam / 2) / speed, (count - 1) / float(np.ptp(time))
     )
-    return HistoryResult(found, grid, ambiguities(passage))
+    return HistoryResult(found, grid, ambiguities(passage), float(track_y))
+
+
+def _swath(
+    antenna_x_m: Floats, height_m: float, history: PhaseHistory, x_m: tuple[float, float]
+) -> tuple[float, float, float]:
+    """Ground ranges from and to which all of a strip is in every pulse's profile, and how far its echoes walk, m."""
+    reference, half = history.reference_m, _SWATH * history.unambiguous_m
+    least = np.maximum(np.maximum(x_m[0] - antenna_x_m, antenna_x_m - x_m[1]), 0.0)
+    most = np.maximum(np.abs(x_m[0] - antenna_x_m), np.abs(x_m[1] - antenna_x_m))
+    near = np.maximum(reference - half, 0.0) ** 2 - height_m**2 - least**2
+    far = (reference + half) ** 2 - height_m**2 - most**2
+    slant = float(reference.min())
+    walk = math.hypot(slant, float(most.max())) - slant
+    return math.sqrt(max(float(near.max()), 0.0)), math.sqrt(max(float(far.min()), 0.0)), walk
 
 
 def _inner(x_m: Floats) -> tuple[float, float]:
@@ -132,6 +151,21 @@ def write_example(path: Path | str, *, seed: int = 0) -> Path:
             beamwidth_rad=float(collect.beamwidth_rad or 0.0), z_m=-15_000.0,
         )  # fmt: skip
     return out
+
+
+def _simulated(products: Products) -> dict[str, NDArray[Any]]:
+    """:data:`NEEDED` of a simulated scene."""
+    held, settings = products.read("history"), products.settings("history")
+    if settings["beamwidth_rad"] is None:
+        raise PolfuseError(
+            "was lit evenly from all of the track, so that nothing tells when a target was abeam",
+            where=str(products.path),
+            advice='simulate it with radar.beamwidth_deg in the scene file, as table = "8.1" has',
+        )
+    channels = [held["echoes"][settings["channels"].index(name)] for name in ("HH", "VV")]
+    strongest = max(channels, key=lambda echoes: float(np.linalg.norm(echoes)))
+    numbers = {name: np.asarray(settings[name]) for name in ("first_hz", "step_hz", "beamwidth_rad", "z_m")}
+    return {**{name: held[name] for name in ("antenna_m", "reference_m", "time_s")}, **numbers, "echoes": strongest}
 
 
 def _read(path: Path) -> dict[str, NDArray[Any]]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import ConfigDict
 
+from polfuse_lab.errors import PolfuseError
 from polfuse_lab.rig import read_model
 from polfuse_lab.simulation.scene_file import BodyTables
 
@@ -34,4 +35,11 @@ def read_bodies(path: Path | str, centre_hz: float) -> SolidScene:
         PolfuseError: a file, substance or body that cannot be used.
     """
     found = read_model(path, RigBodies)
-    return found.bodies(found.name, Path(path), centre_hz)
+    scene = found.bodies(found.name, Path(path), centre_hz)
+    if scene.speed_m_s > 0:
+        raise PolfuseError(
+            "holds a body with velocity_m_s; bodies before the simulated rig stand still",
+            where=str(path),
+            advice="leave it out, or let 'polfuse simulate' fly over it",
+        )
+    return scene

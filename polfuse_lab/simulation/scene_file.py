@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, PositiveFloat, field_validator, model_validator
 
@@ -16,6 +16,7 @@ from polfuse_lab.errors import PolfuseError
 from polfuse_lab.rig import FileModel, read_model
 from polfuse_lab.simulation.solid_parts import MeshPart, SolidPart, SubstancePart
 from processing.errors import DataError
+from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 
 if TYPE_CHECKING:
     from processing.raytrace.sources import Source
@@ -33,6 +34,27 @@ MOST_SAMPLES = 10_000_000
 """Pulses times frequencies."""
 
 
+TABLES: dict[str, dict[str, dict[str, Any]]] = {
+    "6.1": {
+        "flight": {"track_m": 3000.0, "pulses": 1501, "speed_m_s": 200.0},
+        "radar": {"centre_hz": SPEED_OF_LIGHT_M_S / 0.312, "bandwidth_hz": 150e6, "frequencies": 128},
+    },
+    "7.1": {},
+    "8.1": {
+        "flight": {"track_m": 240.0 * 4350 / 362.53, "pulses": 4351, "speed_m_s": 240.0},
+        "radar": {"centre_hz": 1.2575e9, "bandwidth_hz": 80e6, "frequencies": 256, "beamwidth_deg": 4.5},
+    },
+}
+"""Flight and radar of the thesis's tables where they are not those of Tables 7.1 and 7.2; all fly at 15 km and look
+down by 45 degrees.
+
+Printed are, of Table 6.1, a wavelength of 31.2 cm, 200 m/s and a pulse every 10 ms; track and bandwidth, of which it
+tells nothing, make cells of a metre here. Of Table 8.1, 80 MHz, 240 m/s, 362.53 pulses a second and 4.5 degrees; the
+wavelength is that of UAVSAR, whose parameters it says they are, and 12 s are as long as a point is seen, and half as
+much again.
+"""
+
+
 class FlightPart(FileModel):
     """Where both eyes fly (thesis Table 7.1): straight along x; the camera looks from the middle of the track."""
 
@@ -42,6 +64,10 @@ class FlightPart(FileModel):
     track_m: Length = 300.0
     """Length of the track that a picture is made from."""
     pulses: Annotated[int, Field(ge=2, le=100_000)] = 600
+    speed_m_s: Annotated[float, Field(gt=0, le=1e5)] = 200.0
+    """Along x: time 0 is the middle of the track."""
+    table: Literal["6.1", "7.1", "8.1"] = "7.1"
+    """Table of the thesis whose flight and radar hold where none is given (:data:`TABLES`)."""
 
 
 class RadarPart(FileModel):
@@ -53,6 +79,10 @@ class RadarPart(FileModel):
     """Even; c times them over twice the bandwidth is the unambiguous range."""
     noise_equivalent_db: Annotated[float, Field(ge=-200, le=100)] = -30.0
     """Noise, as the backscatter coefficient that it looks like."""
+    beamwidth_deg: Annotated[float, Field(gt=0, lt=180)] | None = None
+    """Half-power width of one antenna's beam, broadside, along the track; without it all is lit evenly."""
+    move_m: Length = 1.0
+    """Rays are sent anew when a body has moved by this."""
     bounces: Annotated[int, Field(ge=1, le=11)] = 3
     cell_m: Length = 0.15
     """Edge of the cells between rays, before they are split at edges."""
@@ -94,6 +124,8 @@ class CameraPart(FileModel):
     """Pictures that are averaged."""
     samples: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
     """Rays for each pixel."""
+    exposure_interval_s: Annotated[float, Field(ge=0, le=1e4)] = 0.0
+    """Between the polarizer's four angles, the first at time 0; 0: all at once."""
     seed: Seed = 0
 
 
@@ -205,6 +237,19 @@ class SolidSceneFile(BodyTables):
     light: LightPart = LightPart()
     grid: GridPart
 
+    @model_validator(mode="before")
+    @classmethod
+    def _of_table(cls, given: Any) -> Any:
+        """What is not given is that of the table."""
+        flight = given.get("flight") if isinstance(given, dict) else None
+        table = flight.get("table") if isinstance(flight, dict) else None
+        if not isinstance(table, str) or table not in TABLES:
+            return given
+        parts = {name: given.get(name, {}) for name in TABLES[table]}
+        # What is no table is refused where it stands.
+        merged = {name: {**TABLES[table][name], **part} for name, part in parts.items() if isinstance(part, dict)}
+        return {**given, **merged}
+
     @model_validator(mode="after")
     def _sizes(self) -> SolidSceneFile:
         if self.flight.pulses * self.radar.frequencies > MOST_SAMPLES:
@@ -240,6 +285,9 @@ class SolidSceneFile(BodyTables):
             noise_equivalent_db=self.radar.noise_equivalent_db,
             electrons=self.camera.electrons,
             frames=self.camera.frames,
+            speed_m_s=self.flight.speed_m_s,
+            beamwidth_rad=None if self.radar.beamwidth_deg is None else math.radians(self.radar.beamwidth_deg),
+            exposure_interval_s=self.camera.exposure_interval_s,
         )
 
     def scene(self, path: Path) -> SolidScene:

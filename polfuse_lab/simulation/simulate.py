@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +18,15 @@ from processing.optics import stokes_vectors
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 from processing.sar.grid import ImageGrid
 from processing.scene.both_eyes import (
+    ANGLES_RAD,
     CHANNELS,
+    Exposures,
     OpticalPicture,
     RadarPicture,
     bodies_from_above,
     optical_picture,
     radar_picture,
+    recorded_echoes,
 )
 from processing.scene.radar_simulation import MECHANISMS
 from processing.scene.solids import SolidScene
@@ -40,7 +43,7 @@ NOT_MODELLED = (
     "extinction in crowns and their bounces off the ground",
     "what rough ground scatters by way of a second bounce",
     "waves inside bodies",
-    "motion",
+    "turning bodies, and motion within a pulse",
 )
 UNITS = {
     "s0": "1",
@@ -105,6 +108,11 @@ def simulate(
     ``aop`` (rad; NaN within 2 standard deviations of no polarization), ``single_m2, double_m2, multiple_m2`` (span that
     each mechanism alone returns), ``body`` (ny, nx) int32, an index of the settings' ``bodies``, -1 for none.
 
+    Where a body moves, these are pictures of what stands (truth is that of time 0, with every ``velocity_m_s``), and
+    the stage "history" keeps the radar's noisy ``echoes`` (4, pulses, frequencies) for ``polfuse motion``, with
+    ``antenna_m``, ``reference_m`` and ``time_s``. Of a polarizer that turns meanwhile (``exposure_interval_s``) stage
+    "exposures" keeps ``electrons`` (4, rows, columns) and ``time_s``.
+
     Args:
         scene_path: the scene file.
         products: the products file; its other stages are kept.
@@ -131,6 +139,7 @@ def simulate(
         density=given.radar.density,
         points_per_m2=given.radar.points_per_m2,
         seed=given.radar.seed,
+        move_m=given.radar.move_m,
         progress=_told(progress, "radar"),
     )
     optics = optical_picture(
@@ -189,7 +198,7 @@ def _notes(given: SolidSceneFile, scene: SolidScene, left_out: LeftOut) -> tuple
             f"{wide:.3g} m wide; raise flight.pulses"
         )
     across = SPEED_OF_LIGHT_M_S / (2 * given.radar.bandwidth_hz * math.sin(math.radians(given.flight.look_deg)))
-    along = wavelength * given.slant_m / (2 * given.flight.track_m)
+    along = wavelength * given.slant_m / (2 * given.airborne().aperture_m)
     for name, step, cell in (("step_x_m", given.grid.step_x_m, along), ("step_y_m", given.grid.step_y_m, across)):
         # Hann's window makes cells half as wide again.
         if step > 1.5 * cell:
@@ -225,7 +234,10 @@ def _write(store: Products, path: Path, given: SolidSceneFile, made: SolidSimula
         {**light, "aop": angle, **alone, "body": made.bodies.astype(np.int32), **axes},
         settings={
             "scene": given.model_dump(),
-            "bodies": [{"name": solid.name, "kind": solid.kind} for solid in made.scene.solids],
+            "bodies": [
+                {"name": solid.name, "kind": solid.kind, "velocity_m_s": solid.velocity_m_s}
+                for solid in made.scene.solids
+            ],
             "rays": radar.simulated.rays,
             "footprints": radar.simulated.footprints,
             "segments": radar.simulated.segments,
@@ -236,6 +248,44 @@ def _write(store: Products, path: Path, given: SolidSceneFile, made: SolidSimula
         },
         inputs=inputs,
         units=UNITS,
+    )
+    if made.scene.speed_m_s > 0:
+        _write_history(store, given, made, inputs)
+    if optics.exposures is not None:
+        _write_exposures(store, optics.exposures, inputs)
+
+
+def _write_history(store: Products, given: SolidSceneFile, made: SolidSimulation, inputs: list[Path]) -> None:
+    air = given.airborne()
+    history = recorded_echoes(made.radar, air, seed=given.radar.seed)
+    arrays = {
+        "echoes": history.echoes,
+        "antenna_m": history.antenna_m,
+        "reference_m": history.reference_m,
+        "time_s": air.time_s,
+    }
+    store.write(
+        "history",
+        arrays,
+        settings={
+            "channels": list(history.channels),
+            "first_hz": history.first_hz,
+            "step_hz": history.step_hz,
+            "beamwidth_rad": air.beamwidth_rad,
+            "z_m": made.grid.z_m,
+        },
+        inputs=inputs,
+        units={"antenna_m": "m", "reference_m": "m", "time_s": "s"},
+    )
+
+
+def _write_exposures(store: Products, exposures: Exposures, inputs: list[Path]) -> None:
+    store.write(
+        "exposures",
+        {"electrons": exposures.electrons.astype(np.float32), "time_s": np.asarray(exposures.time_s)},
+        settings={"camera": asdict(exposures.camera), "angles_rad": list(ANGLES_RAD), "frames": exposures.frames},
+        inputs=inputs,
+        units={"electrons": "1", "time_s": "s"},
     )
 
 

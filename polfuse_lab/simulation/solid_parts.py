@@ -82,6 +82,8 @@ class Placed(FileModel):
     position_m: Three = (0.0, 0.0, 0.0)
     turn_deg: float = 0.0
     """About the vertical, from x towards y."""
+    velocity_m_s: Three = (0.0, 0.0, 0.0)
+    """Steady, without turning: the body is at its position at time 0."""
 
     @property
     @abstractmethod
@@ -102,7 +104,9 @@ class Placed(FileModel):
         from processing.scene.solids import Solid
 
         made = self.shaped(folder)
-        named = Solid(self.name or f"{self.shape} {number}", self.kind or self.shape, made.parts, made.clouds)
+        named = Solid(
+            self.name or f"{self.shape} {number}", self.kind or self.shape, made.parts, made.clouds, self.velocity_m_s
+        )
         return named.placed(self.position_m, math.radians(self.turn_deg))
 
 

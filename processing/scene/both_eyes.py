@@ -8,16 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import DataError
 from processing.fusion.registration import ground_to_camera, sample_bilinear
+from processing.optics.analyser import least_squares, measurement_matrix
 from processing.optics.camera_model import Pinhole
 from processing.optics.debias import debias
-from processing.radar.phase_history import history_profiles
+from processing.radar.antenna import one_way_gain
+from processing.radar.phase_history import PhaseHistory, history_profiles
+from processing.radar.profiles import SPEED_OF_LIGHT_M_S
+from processing.radar.ranging import window_weights
 from processing.raytrace.backward import backward
 from processing.raytrace.bvh import build
 from processing.raytrace.picture import Picture
@@ -25,6 +29,7 @@ from processing.raytrace.sources import RayleighSky, Source, Sun
 from processing.raytrace.view import View
 from processing.sar.backprojection import backproject
 from processing.sar.grid import ImageGrid
+from processing.scattering.contributions import Beam
 from processing.scattering.history import Sweep
 from processing.scattering.shooting import Density
 from processing.scene.radar_simulation import MECHANISMS, RadarLook, Simulated, simulate_radar, straight_track
@@ -33,6 +38,9 @@ from processing.scene.solids import SolidScene
 Floats = NDArray[np.float64]
 
 CHANNELS = ("HH", "HV", "VH", "VV")
+ANGLES_RAD = (0.0, math.pi / 4, math.pi / 2, 3 * math.pi / 4)
+"""Of the polarizer, in the order of the exposures."""
+ANALYSERS = measurement_matrix(ANGLES_RAD)
 
 
 @dataclass(frozen=True)
@@ -56,11 +64,34 @@ class Airborne:
     """Of a pixel at full scale behind each polarizer, for shot noise (a Sony IMX250MZR's saturation)."""
     frames: int = 30
     """Pictures that are averaged: 20 a second while the radar records its 1.5 s."""
+    speed_m_s: float = 200.0
+    beamwidth_rad: float | None = None
+    """Half-power width of one antenna's beam, which looks broadside at the scene's middle from everywhere; None: the
+    scene is lit evenly from all of the track."""
+    exposure_interval_s: float = 0.0
+    """From one of the polarizer's four angles to the next, the first at time 0; 0: all at once."""
 
     @property
     def platform_m(self) -> tuple[float, float, float]:
         """Middle of the track, the scene's middle being the origin."""
         return 0.0, -self.altitude_m * math.tan(self.look_rad), self.altitude_m
+
+    @property
+    def slant_m(self) -> float:
+        """From there to the scene's middle."""
+        return self.altitude_m / math.cos(self.look_rad)
+
+    @property
+    def aperture_m(self) -> float:
+        """Part of the track from which a point is seen."""
+        if self.beamwidth_rad is None:
+            return self.track_m
+        return min(self.track_m, 2 * self.slant_m * math.tan(self.beamwidth_rad / 2))
+
+    @property
+    def time_s(self) -> Floats:
+        """(pulses,) when they are sent: 0 in the middle of the track."""
+        return np.asarray(np.linspace(-0.5, 0.5, self.pulses) * self.track_m / self.speed_m_s, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -77,6 +108,17 @@ class RadarPicture:
 
 
 @dataclass(frozen=True)
+class Exposures:
+    """What a camera takes behind a polarizer that turns: one angle after the other."""
+
+    electrons: Floats
+    """(4, rows, columns) of a pixel, mean of the frames, with shot noise; behind 0, 45, 90 and 135 degrees."""
+    time_s: tuple[float, ...]
+    frames: int
+    camera: Pinhole
+
+
+@dataclass(frozen=True)
 class OpticalPicture:
     """What the camera sees, brought to the ground grid."""
 
@@ -90,7 +132,9 @@ class OpticalPicture:
     dolp_sd: Floats
     """(ny, nx) standard deviation of DOLP by shot noise."""
     picture: Picture
-    """As it was traced, without noise."""
+    """As it was traced, without noise; of time 0."""
+    exposures: Exposures | None = None
+    """Where they were taken one after the other and something moved."""
 
 
 def radar_picture(
@@ -101,9 +145,12 @@ def radar_picture(
     density: Density | None = None,
     points_per_m2: float = 20.0,
     seed: int = 0,
+    move_m: float = 1.0,
     progress: Callable[[float], None] | None = None,
 ) -> RadarPicture:
-    """Simulate the radar and focus its echoes by back-projection, with Hann's window in range and along the track.
+    """Simulate the radar and focus its echoes, for what stands, by back-projection.
+
+    Windows are Hann's in range and along the track; under a beam its own pattern is the one along the track.
 
     Args:
         scene: bodies.
@@ -112,6 +159,7 @@ def radar_picture(
         density: of rays.
         points_per_m2: scatterers of rough ground.
         seed: of rough ground and noise.
+        move_m: see :class:`processing.scene.radar_simulation.RadarLook`.
         progress: called with the fraction done.
 
     Raises:
@@ -120,22 +168,18 @@ def radar_picture(
     air = how or Airborne()
     track = straight_track(air.platform_m, air.track_m, air.pulses)
     sweep = Sweep(air.centre_hz, air.bandwidth_hz, air.frequencies)
-    look = RadarLook(track, (0.0, 0.0, 0.0), sweep, density or Density(0.15, 2, 3), points_per_m2, seed=seed)
+    axis = -np.asarray(air.platform_m) / air.slant_m
+    beam = None if air.beamwidth_rad is None else Beam(axis, air.beamwidth_rad)
+    look = RadarLook(
+        track, (0.0, 0.0, 0.0), sweep, density or Density(0.15, 2, 3), points_per_m2, beam=beam, seed=seed,
+        time_s=air.time_s, move_m=move_m,
+    )  # fmt: skip
     simulated = simulate_radar(scene, look, progress=progress)
-    slant = float(np.linalg.norm(air.platform_m))
-    # Hann's window without the zeros at its ends.
-    weights = np.hanning(air.pulses + 2)[1:-1]
-    focused = (
-        np.stack(
-            [
-                backproject(history_profiles(simulated.histories[name], window="hann"), grid, weights=weights)
-                for name in MECHANISMS
-            ]
-        ).astype(np.complex128)
-        * slant**2
+    focused = np.stack(
+        [focus_standing(simulated.histories[name], grid, air) for name in MECHANISMS], dtype=np.complex128
     )
     # A noise coefficient fills a resolution cell of the ground (Hann broadens each side by half).
-    cell = 1.5**2 * _cell_m2(air, slant)
+    cell = 1.5**2 * _cell_m2(air)
     noise = 10 ** (air.noise_equivalent_db / 10) * cell
     random = np.random.default_rng(seed + 1)
     shape = (4, *grid.shape)
@@ -144,11 +188,57 @@ def radar_picture(
     return RadarPicture(focused.sum(axis=0) + math.sqrt(noise / 2) * thermal, powers, 3 * noise, simulated)
 
 
-def _cell_m2(air: Airborne, slant_m: float) -> float:
-    from processing.radar.profiles import SPEED_OF_LIGHT_M_S
+def recorded_echoes(picture: RadarPicture, how: Airborne | None = None, *, seed: int = 0) -> PhaseHistory:
+    """All mechanisms' echoes with noise, which is as strong in a focused picture as the picture's own.
 
+    Args:
+        picture: of :func:`radar_picture`.
+        how: the flight and radar that it was made with.
+        seed: of noise.
+    """
+    air = how or Airborne()
+    total = picture.simulated.total
+    random = np.random.default_rng(seed + 3)
+    level = math.sqrt(picture.noise / 3 / 2 / _noise_gain(air))
+    echoes = np.empty(total.echoes.shape, dtype=np.complex64)
+    for channel, clean in enumerate(total.echoes):
+        thermal = random.standard_normal(clean.shape) + 1j * random.standard_normal(clean.shape)
+        echoes[channel] = clean + level * thermal
+    return replace(total, echoes=echoes)
+
+
+def focus_standing(history: PhaseHistory, grid: ImageGrid, air: Airborne) -> NDArray[np.complex64]:
+    """Pictures (channels, ny, nx) of what stands, sqrt(m^2), windowed as :func:`radar_picture` tells."""
+    profiles = history_profiles(history, window="hann")
+    if air.beamwidth_rad is None:
+        image = backproject(profiles, grid, weights=_along(air))
+    else:
+        depression = math.pi / 2 - air.look_rad
+        image = backproject(profiles, grid, beamwidth_rad=air.beamwidth_rad, depression_rad=depression)
+    return np.asarray(image * np.float32(air.slant_m**2))
+
+
+def _along(air: Airborne) -> Floats:
+    """Hann's window (pulses,) without the zeros at its ends."""
+    return np.asarray(np.hanning(air.pulses + 2)[1:-1])
+
+
+def _noise_gain(air: Airborne) -> float:
+    """Variance of a pixel of :func:`focus_standing` over that of white noise in each echo."""
+    across = window_weights("hann", (np.arange(air.frequencies) + 0.5) / air.frequencies - 0.5, 1e9)
+    if air.beamwidth_rad is None:
+        along = _along(air)
+        loss = float(np.sum(along**2) / np.sum(along) ** 2)
+    else:
+        x = np.linspace(-0.5, 0.5, air.pulses) * air.track_m
+        gain = one_way_gain(air.slant_m / np.hypot(air.slant_m, x), air.beamwidth_rad)
+        loss = float(1 / np.sum(gain**2))
+    return air.slant_m**4 * loss * float(np.sum(across**2) / np.sum(across) ** 2)
+
+
+def _cell_m2(air: Airborne) -> float:
     ground = SPEED_OF_LIGHT_M_S / (2 * air.bandwidth_hz * math.sin(air.look_rad))
-    return ground * slant_m * SPEED_OF_LIGHT_M_S / air.centre_hz / (2 * air.track_m)
+    return ground * air.slant_m * SPEED_OF_LIGHT_M_S / air.centre_hz / (2 * air.aperture_m)
 
 
 def sunlight(sun_azimuth_rad: float, sun_zenith_rad: float, sky_share: float = 0.2) -> tuple[Source, ...]:
@@ -178,6 +268,9 @@ def optical_picture(
 ) -> OpticalPicture:
     """Trace the camera's picture, add shot noise, and read it at the ground grid's pixels.
 
+    With an interval between exposures, what moves is at another place behind each of the polarizer's angles, and all
+    four are combined as if it had stood: a polarimeter by division of time (thesis 8.2).
+
     Args:
         scene: bodies.
         grid: the pixels.
@@ -198,18 +291,33 @@ def optical_picture(
     high = 2 * math.ceil((float(np.abs(grid.y_m).max()) * math.cos(air.look_rad) / pixel) + 3)
     focal = air.focal_length_m / air.pixel_pitch_m
     view = View(air.platform_m, (0.0, 0.0, 0.0), wide, high, 2 * math.atan(wide / 2 / focal))
-    picture = backward(scene.world(lights), view, samples=samples, leave_out=False, seed=seed, progress=progress)
+    moving = air.exposure_interval_s > 0 and scene.speed_m_s > 0
+    times = tuple(air.exposure_interval_s * k for k in range(4)) if moving else (0.0,)
+    pictures: list[Picture] = []
+    for number, instant in enumerate(times):
+
+        def told(done: float, number: int = number) -> None:
+            if progress:
+                progress((number + done) / len(times))
+
+        # The same rays each time: only what moved differs.
+        seen = scene.at(instant).world(lights)
+        pictures.append(backward(seen, view, samples=samples, leave_out=False, seed=seed, progress=told))
+    picture = pictures[0]
     # Full scale is a white surface (radiance 1 / pi) that faces the sun, half of it behind each polarizer.
     per_unit = 2 * air.electrons * air.frames * math.pi
-    counts = np.maximum(picture.stokes[..., 0], 0) * per_unit
     random = np.random.default_rng(seed + 2)
+    depression = math.pi / 2 - air.look_rad
+    camera = Pinhole(air.focal_length_m, air.pixel_pitch_m, wide, high, air.platform_m, depression)
+    exposures = _exposures(pictures, times, air, camera, random) if moving else None
+    counts = np.maximum(picture.stokes[..., 0], 0) * per_unit
     # Two pairs of crossed polarizers: S1 and S2 have the variance of their counts, S0 (the mean of both pairs) half.
     noisy = [
         picture.stokes[..., k] + random.standard_normal(counts.shape) * np.sqrt(counts * share) / per_unit
         for k, share in enumerate((0.5, 1.0, 1.0))
     ]
-    depression = math.pi / 2 - air.look_rad
-    camera = Pinhole(air.focal_length_m, air.pixel_pitch_m, wide, high, air.platform_m, depression)
+    if exposures is not None:
+        noisy = list(np.tensordot(least_squares(ANALYSERS), exposures.electrons, 1) * air.frames / per_unit)
     u, v = ground_to_camera(camera, grid.x_m, grid.y_m, grid.z_m)
     s0, s1, s2 = (sample_bilinear(plane, u, v) for plane in noisy)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -224,7 +332,19 @@ def optical_picture(
         dolp=np.where(lit, dolp, np.nan),
         dolp_sd=np.where(lit, spread, np.nan),
         picture=picture,
+        exposures=exposures,
     )
+
+
+def _exposures(
+    pictures: Sequence[Picture], times: tuple[float, ...], air: Airborne, camera: Pinhole, random: np.random.Generator
+) -> Exposures:
+    """What each angle of the polarizer lets through at its own time."""
+    full = 2 * air.electrons * math.pi
+    through = [np.maximum(one.stokes[..., :3] @ row, 0) * full for one, row in zip(pictures, ANALYSERS, strict=True)]
+    light = np.stack(through)
+    taken = light + random.standard_normal(light.shape) * np.sqrt(light / air.frames)
+    return Exposures(taken, times, air.frames, camera)
 
 
 def bodies_from_above(scene: SolidScene, grid: ImageGrid) -> NDArray[np.int64]:

@@ -99,13 +99,13 @@ def simulate_radar(scene: SolidScene, look: RadarLook, *, progress: Callable[[fl
         middle = pulses[len(pulses) // 2]
         lit = _lit(scene.at(float(time[middle])), look, track[middle], sent)
         for name in MECHANISMS:
-            alone = lit[name]
+
+            def alone(antenna: Floats, found: Contributions = lit[name]) -> Contributions:
+                return found
+
             parts[name].append(
-                phase_history(
-                    lambda _, alone=alone: alone, track[pulses], reference, look.sweep, beam=look.beam,
-                    time_s=time[pulses],
-                )
-            )  # fmt: skip
+                phase_history(alone, track[pulses], reference, look.sweep, beam=look.beam, time_s=time[pulses])
+            )
         if progress:
             progress((number + 1) / min(segments, len(track)))
     return Simulated(

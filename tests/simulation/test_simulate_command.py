@@ -201,7 +201,7 @@ def test_it_tells_what_was_left_out(simulated: tuple[Path, dict[str, Any]]) -> N
     # The ground's footprints are 0.3 by 0.42 m: k (s/2)^2 / 2 (1/d + 1/d) at their corners, 1.4 km away. On the
     # container's ends, seen nearly edge-on, they are longer.
     assert left["wavefront_rad"] > 0.9 * 2 * math.pi * 10e9 / SPEED_OF_LIGHT * 3 * 0.3**2 / 4 / 1414
-    assert "motion" in left["not_modelled"]
+    assert "diffraction by edges" in left["not_modelled"]
     assert told["notes"] == []
     assert Products(path).settings("simulation")["left_out"] == left
 
