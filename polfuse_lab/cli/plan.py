@@ -24,6 +24,9 @@ def plan(
     at: Annotated[
         float, typer.Option(min=0.1, help="Ground range for which resolution and sensitivity are told, m.")
     ] = 10.0,
+    explain: Annotated[
+        bool, typer.Option("--explain", help="Measure this machine: what a session is best stored with, and why.")
+    ] = False,
     list_: Annotated[bool, typer.Option("--list", help="List every step, as JSON in a line of its own.")] = False,
     json_: Json = False,
     debug: Debug = False,
@@ -43,6 +46,12 @@ def plan(
     loaded, meant = load_plan(plan), load_rig(rig)
     outcome = dry_run(meant, loaded, output=Path.cwd() / "session.h5" if output is None else output)
     image = predict_image(meant, outcome.steps, at_m=at)
+    storage = None
+    if explain:
+        from polfuse_lab.plans.storage import storage_choice
+
+        storage = storage_choice(meant, outcome.steps, Path.cwd() / "session.h5" if output is None else output)
+    why = [] if storage is None else storage.explain()
     listed = steps_to_plain(outcome.steps) if list_ else []
     result(
         {
@@ -60,10 +69,11 @@ def plan(
             "questions": outcome.questions,
             "free_bytes": outcome.free_bytes,
             "image": image,
+            "storage": None if storage is None else {**storage.told(), "explanation": why},
         }
         | ({"list": listed} if list_ else {}),
         as_json=json_,
-        text="\n".join([*_lines(outcome), *prediction_lines(image), *_listed(listed)]),
+        text="\n".join([*_lines(outcome), *prediction_lines(image), *why, *_listed(listed)]),
     )
 
 

@@ -116,7 +116,7 @@ def step_seconds(rig: Rig, listed: Iterable[Step]) -> Iterator[float]:
             case AutoExpose():
                 spent = len(step.angles_rad) * _TURN_S + _AUTO_FRAMES * (exposure_s + _FRAME_S)
             case Expose():
-                spent = step.frames * (exposure_s + _FRAME_S)
+                spent = step.frames * frame_pace_s(rig)
             case Checkpoint() | Ask():
                 pass
         yield spent
@@ -126,9 +126,19 @@ def step_seconds(rig: Rig, listed: Iterable[Step]) -> Iterator[float]:
             turning_s = max(turning_s - spent, _EXCHANGE_S)
 
 
+def item_bytes(rig: Rig) -> int:
+    """Bytes of one input's audio sample."""
+    return _ITEM_BYTES.get(str(rig.radar.options.get("sample_format", "int16")), 4)
+
+
+def frame_pace_s(rig: Rig) -> float:
+    """Time from one camera frame to the next, s."""
+    return (rig.camera.exposure_s if rig.camera else 0.0) + _FRAME_S
+
+
 def file_bytes(rig: Rig, listed: Iterable[Step]) -> int:
     """Upper bound of the session file's size (as if nothing could be compressed), bytes."""
-    item = _ITEM_BYTES.get(str(rig.radar.options.get("sample_format", "int16")), 4)
+    item = item_bytes(rig)
     total = _FILE_BYTES
     for step in listed:
         total += 2 * item * audio_frames(rig, step) + _STEP_BYTES

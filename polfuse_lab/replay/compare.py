@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.session import Session, layout, open_session, versions
 
-CIRCUMSTANCES = ("source", "host", "versions", "started", "start_unix_s", "start_host_ns")
+CIRCUMSTANCES = ("source", "host", "versions", "started", "start_unix_s", "start_host_ns", "storage")
 """Entries of the configuration that tell where and when a file was written, not what was recorded."""
 STATE_FIELDS = ("state", "reason", "samples_lost", "frames_lost")
 """Fields of the state that are compared; the others tell when the file was closed."""

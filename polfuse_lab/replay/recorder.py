@@ -11,7 +11,7 @@ from polfuse_lab.errors import PolfuseError
 from polfuse_lab.records import Event, Record, Sweeps
 from polfuse_lab.replay.tape import Tape, ending
 from polfuse_lab.scheduler import Recorder
-from polfuse_lab.session.layout import SessionConfig
+from polfuse_lab.session.layout import STORAGE, SessionConfig
 
 ORIGIN = ("host", "versions", "started", "start_unix_s", "start_host_ns")
 """What the copy's configuration takes over: the records' times are the recording's, so its clocks must be too."""
@@ -54,6 +54,7 @@ class ReplayRecorder:
             config,
             source="replay",
             extra=recorded["extra"],
+            storage=recorded.get(STORAGE, config.storage),
             origin={name: recorded[name] for name in ORIGIN if name in recorded},
         )
         self._inner.open(changed, expected_bytes=expected_bytes)

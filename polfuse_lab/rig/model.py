@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError, field_validator, model_validator
 
@@ -217,6 +217,14 @@ class Site(FileModel):
     """Direction away from the rail (y), clockwise from true north, degrees: 90 looks east."""
 
 
+class StorageSection(FileModel):
+    """How sessions are stored."""
+
+    filter: Literal["auto", "none", "bitshuffle-lz4", "bitshuffle-zstd"] = "bitshuffle-lz4"
+    """What audio and images are made smaller with, without loss; "auto" measures on this machine and takes the cheapest
+    that keeps the plan's pace and finds room ('polfuse plan --explain' tells which)."""
+
+
 class Rig(FileModel):
     """A whole rig."""
 
@@ -239,6 +247,8 @@ class Rig(FileModel):
     source_polarizer: PolarizerSection | None = None
     """Polarizer in front of the light source, for the active mode (thesis 6.3); left out where there is none."""
 
+    storage: StorageSection = StorageSection()
+    """How sessions are stored."""
     site: Site | None = None
     """Where on the earth the rig stands; left out where nobody needs to know."""
 

@@ -9,6 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import NDArray
+
 from drivers.errors import DeviceError
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.plans import Plan
@@ -16,6 +18,7 @@ from polfuse_lab.plans.costs import largest_record_frames
 from polfuse_lab.plans.dry_run import DryRun, dry_run, step_seconds
 from polfuse_lab.plans.step_json import steps_to_plain
 from polfuse_lab.plans.steps import Checkpoint, Step
+from polfuse_lab.plans.storage import storage_choice
 from polfuse_lab.rig import Rig
 from polfuse_lab.scheduler.actions import Actions
 from polfuse_lab.scheduler.clock_watch import ClockWatch
@@ -125,10 +128,12 @@ class Scheduler:
         self._recovery = Recovery(
             self._devices, self._plan, self.control, self.prompts, lambda text: self._enter(RunState.PAUSED, text)
         )
+        heard: NDArray[Any] | None = None
         audio: dict[str, Any] = {"sample_rate_hz": self._rig.radar.sample_rate_hz}
         if "radar" in self._devices:
             self._enter(RunState.PREPARING, "listening to the radar")
             block = self._actions.probe()
+            heard = block.samples
             audio = {
                 "sample_rate_hz": block.sample_rate_hz,
                 "sample_dtype": block.samples.dtype.name,
@@ -147,11 +152,19 @@ class Scheduler:
             plan_toml=plan_toml,
             identities=self._devices.identities,
             extra={STEPS: steps_to_plain(planned.steps)},
+            storage=self._storage(planned, heard),
         )
         self.control.check()
         self._recorder.open(config, expected_bytes=planned.bytes)
         self._recording = True
         return planned
+
+    def _storage(self, planned: DryRun, heard: NDArray[Any] | None) -> dict[str, Any]:
+        """The filter that the rig file names, or the one that is chosen by measuring."""
+        named = self._rig.storage.filter
+        if named != "auto":
+            return {"filter": named}
+        return storage_choice(self._rig, planned.steps, self._output, audio=heard).told()
 
     def _execute(self, planned: tuple[Step, ...]) -> None:
         assert self._devices is not None

@@ -33,9 +33,9 @@ def declare(unborn: Path, partial: Path, config: SessionConfig) -> h5py.File:
         state = np.zeros(1, layout.STATE)
         state["state"] = b"recording"
         file.create_dataset("state", data=state)
-        layout.declare_audio(file, config.audio_channels, config.sample_dtype, config.chunk_frames)
+        layout.declare_audio(file, config.audio_channels, config.sample_dtype, config.chunk_frames, config.filter)
         if config.frame_shape is not None:
-            layout.declare_images(file, config.frame_shape, config.frame_dtype)
+            layout.declare_images(file, config.frame_shape, config.frame_dtype, config.filter)
         for name in layout.TABLES:
             layout.declare_table(file, name)
         file.flush()

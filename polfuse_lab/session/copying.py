@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.session import layout
+from polfuse_lab.session import filters, layout
 from polfuse_lab.session.reader import Session
 
 RECORDS_OF = {"trolley": "sweeps", "switches": "sweeps", "polarizer": "frames", "source_polarizer": "frames"}
@@ -41,11 +41,12 @@ class SessionCopy:
         file.attrs["version"] = layout.VERSION
         file.create_dataset("config", data=np.frombuffer(config, dtype=np.uint8))
         audio = first._file["audio"]
-        self._audio = layout.declare_audio(file, audio.shape[1], audio.dtype.name, audio.chunks[0])
+        stored = str(first.config.get(layout.STORAGE, {}).get("filter", filters.USUAL))
+        self._audio = layout.declare_audio(file, audio.shape[1], audio.dtype.name, audio.chunks[0], stored)
         self._images: h5py.Dataset | None = None
         if pictured is not None:
             images = pictured._file["images"]
-            self._images = layout.declare_images(file, images.shape[1:], images.dtype.name)
+            self._images = layout.declare_images(file, images.shape[1:], images.dtype.name, stored)
         self._tables = {name: layout.declare_table(file, name) for name in layout.TABLES}
 
     def append(self, session: Session, *, shift_ns: int = 0, on_record: Callable[[], None] = lambda: None) -> None:

@@ -29,18 +29,20 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import h5py
-import hdf5plugin
 import numpy as np
 
 from drivers.records import Identity
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.rig import Waveform
+from polfuse_lab.session import filters
 
 SCHEMA = "polfuse-session"
 VERSION = 2
 
 TEXT_BYTES = 1000
 """Longest text in one row of a table, bytes of UTF-8; longer notes take several rows."""
+STORAGE = "storage"
+"""Entry of the configuration that tells the filter of audio and images, and why it was taken where it was chosen."""
 STEPS = "steps"
 """Entry of the configuration's ``extra`` that holds the planned steps (see :mod:`polfuse_lab.plans.step_json`)."""
 CONTINUES = "continues"
@@ -147,6 +149,9 @@ class SessionConfig:
     """Who answered when the devices were opened."""
     extra: Mapping[str, Any] = field(default_factory=dict)
     """Whatever else is to be kept; JSON values."""
+    storage: Mapping[str, Any] = field(default_factory=lambda: {"filter": filters.USUAL})
+    """``filter`` of audio and images (of :data:`polfuse_lab.session.filters.FILTERS`), and whatever else is to be told
+    of it; JSON values."""
     origin: Mapping[str, Any] = field(default_factory=dict)
     """For a replay: entries of the recording's configuration that stand instead of this moment's (host, start, …)."""
 
@@ -164,6 +169,13 @@ class SessionConfig:
                 advice=f"use one of {', '.join(FRAME_TYPES)}",
             )
 
+        filters.options(self.filter)
+
+    @property
+    def filter(self) -> str:
+        """What audio and images are stored with."""
+        return str(self.storage["filter"])
+
     @property
     def chunk_frames(self) -> int:
         """Frames of one audio chunk."""
@@ -178,27 +190,29 @@ class SessionConfig:
         return max(audio, self.frame_shape[0] * self.frame_shape[1] * np.dtype(self.frame_dtype).itemsize)
 
 
-def declare_audio(file: h5py.File, channels: int, dtype: str, chunk_frames: int) -> h5py.Dataset:
-    """Declare the empty dataset of raw samples."""
+def declare_audio(
+    file: h5py.File, channels: int, dtype: str, chunk_frames: int, stored: str = filters.USUAL
+) -> h5py.Dataset:
+    """Declare the empty dataset of raw samples, ``stored`` with a filter of that name."""
     return file.create_dataset(
         "audio",
         shape=(0, channels),
         maxshape=(None, channels),
         chunks=(chunk_frames, channels),
         dtype=dtype,
-        **hdf5plugin.Bitshuffle(cname="lz4"),
+        **filters.options(stored),
     )
 
 
-def declare_images(file: h5py.File, shape: tuple[int, int], dtype: str) -> h5py.Dataset:
-    """Declare the empty dataset of camera frames."""
+def declare_images(file: h5py.File, shape: tuple[int, int], dtype: str, stored: str = filters.USUAL) -> h5py.Dataset:
+    """Declare the empty dataset of camera frames, ``stored`` with a filter of that name."""
     return file.create_dataset(
         "images",
         shape=(0, *shape),
         maxshape=(None, *shape),
         chunks=(1, *shape),
         dtype=dtype,
-        **hdf5plugin.Bitshuffle(cname="lz4"),
+        **filters.options(stored),
     )
 
 
@@ -224,6 +238,7 @@ def snapshot(config: SessionConfig) -> bytes:
         "plan_toml": config.plan_toml,
         "identities": [asdict(identity) for identity in config.identities],
         "extra": dict(config.extra),
+        STORAGE: dict(config.storage),
         "versions": _versions(),
         "host": {"name": platform.node(), "system": platform.platform(), "python": platform.python_version()},
         "started": datetime.datetime.now(datetime.UTC).isoformat(),

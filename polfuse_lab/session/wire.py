@@ -92,6 +92,7 @@ def config_fields(config: SessionConfig) -> dict[str, Any]:
     fields["waveform"] = config.waveform.model_dump()
     fields["identities"] = [dataclasses.asdict(identity) for identity in config.identities]
     fields["extra"] = dict(config.extra)
+    fields["storage"] = dict(config.storage)
     fields["origin"] = dict(config.origin)
     return fields
 

@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.session import filters
 from polfuse_lab.trade.rows import Row, timed
 
 FILTERS: dict[str, dict[str, Any]] = {
-    "none": {},
-    "bitshuffle-lz4": dict(hdf5plugin.Bitshuffle(cname="lz4")),
-    "bitshuffle-zstd": dict(hdf5plugin.Bitshuffle(cname="zstd")),
+    **filters.FILTERS,
     "blosc2-lz4": dict(hdf5plugin.Blosc2(cname="lz4")),
     "lzf": {"compression": "lzf"},
     "gzip-1": {"compression": "gzip", "compression_opts": 1, "shuffle": True},

@@ -29,6 +29,7 @@ from polfuse_lab.replay import replay
 from polfuse_lab.rig import load_rig
 from polfuse_lab.scheduler import Outcome, Scheduler
 from polfuse_lab.session import Session, info, open_session
+from polfuse_lab.session.filters import FILTERS
 
 pytestmark = pytest.mark.realtime
 
@@ -38,10 +39,10 @@ driver = "fake"
 """
 
 
-def carry_out(bench: Any, plan: str) -> tuple[Outcome, list[str]]:
+def carry_out(bench: Any, plan: str, more: str = "") -> tuple[Outcome, list[str]]:
     """Run a plan on the bench's rig with an operator who confirms everything; also what was asked."""
     bench.write(optics=True)
-    bench.rig.write_text(bench.rig.read_text() + SOURCE)
+    bench.rig.write_text(bench.rig.read_text() + SOURCE + more)
     bench.plan.write_text(plan)
     planned = dry_run(load_rig(bench.rig), parse_plan(plan, "plan.toml"), output=bench.session)
     assert planned.problems == ()
@@ -211,6 +212,21 @@ def test_a_plan_made_in_python_goes_through_the_engine(bench: Any) -> None:
     assert time.monotonic() - begun < 60
     with open_session(bench.session) as session:
         assert session.plan == plan
+
+
+def test_the_filter_is_chosen_by_measuring_and_the_session_says_why(bench: Any) -> None:
+    carry_out(bench, CASES[4][0], '[storage]\nfilter = "auto"\n')
+    with open_session(bench.session) as session:
+        told = session.config["storage"]
+    assert told["filter"] in FILTERS
+    assert told["kept"] is True
+    assert "keeps the pace and finds room" in told["reason"]
+    # What was foretold of noise that fills twelve bits, or of what the radar was heard with.
+    stored = bench.session.stat().st_size
+    assert told["predicted_bytes"] / 4 < stored < 4 * told["predicted_bytes"]
+    assert replay(bench.session, bench.folder / "again.h5").identical
+    with open_session(bench.folder / "again.h5") as again:
+        assert again.config["storage"] == told
 
 
 def test_a_replay_does_not_depend_on_what_this_version_would_plan(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
