@@ -76,9 +76,11 @@ def bodies_along_rail(
         progress: called with the fraction done.
 
     Raises:
-        DataError: a scene, rail or density that cannot be simulated.
+        DataError: a scene, rail or density that cannot be simulated, or a body that moves.
     """
     how = rays or RailRays()
+    if scene.speed_m_s:
+        raise DataError("a body moves, and a trolley that stops at each place sees it at another", "let it stand still")
     target = scene.target(radar.wavelength_m)
     sent: list[tuple[int, int, float]] = []
 
