@@ -67,7 +67,7 @@ def fuse(
     ] = False,
     heights: Annotated[
         Path | None,
-        typer.Option(help="Height map the scene stands on (.npz or .csv: x_m, y_m, height_m and perhaps sd_m)."),
+        typer.Option(help="Map of the ground's heights, as for 'focus --heights'; .npz may hold their sd_m too."),
     ] = None,
     camera: Annotated[
         Path | None, typer.Option(help="Products file of 'polfuse optics BOARDS --as camera': the camera's lens.")

@@ -110,8 +110,8 @@ def fuse(
         refine: whether registration by geometry is corrected by the mutual information of both pictures, where it tells
             more of the camera's direction than ``angle_sd_rad`` does.
         heights: file of a height map (:mod:`polfuse_lab.products.heights_file`) that the scene stands on instead of a
-            plane. What is hidden from either sensor is undefined then, and ``height_sd_m`` holds where the map tells
-            no standard deviation.
+            plane; a picture that was focused on heights has its own. What is hidden from either sensor is undefined
+            then, and ``height_sd_m`` holds where the map tells no standard deviation.
         camera: products file with stage "camera", a calibration of the camera's lens that is used instead of the rig
             file's (:mod:`polfuse_lab.products.camera_lens`).
         tolerance_db: largest error of the camera's picture between its pixels, dB below it: chooses straight lines or

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.camera_lens import with_lens
 from polfuse_lab.products.fuse_resampling import chosen_resampling, stokes_on_ground
-from polfuse_lab.products.heights_file import read_heights
+from polfuse_lab.products.heights_file import height_map
 from polfuse_lab.products.optics import pinhole_of
 from polfuse_lab.products.store import Products
 from processing.errors import DataError
+from processing.fusion.height_map import HeightMap
 from processing.fusion.registration import (
     GeometryErrors,
     RegistrationError,
@@ -24,7 +26,7 @@ from processing.fusion.registration import (
 )
 from processing.fusion.registration_refine import PictureShift, shift_by_pictures
 from processing.fusion.resampling_planner import ResamplingChoice
-from processing.fusion.surface_registration import SurfacePixels, surface_to_camera
+from processing.fusion.surface_registration import SurfacePixels, focused_to_camera, surface_to_camera
 from processing.optics.camera_model import Pinhole
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 
@@ -154,11 +156,10 @@ def of_session(products: Products, notes: list[str], geometry: Geometry) -> Regi
     x_m, y_m, z_m = polarimetry["x_m"], polarimetry["y_m"], float(settings["z_m"])
     angle_sd_rad, refine = geometry.angle_sd_rad, geometry.refine
     errors = _geometry_errors(products, settings, angle_sd_rad, geometry.height_sd_m)
-    surface: SurfacePixels | None = None
-    if geometry.heights is None:
+    surface = _surface(products, camera, (x_m, y_m, z_m), geometry)
+    if surface is None:
         u, v = ground_to_camera(camera, x_m, y_m, z_m)
     else:
-        surface = surface_to_camera(camera, read_heights(geometry.heights), x_m, y_m, z_m, geometry.height_sd_m)
         u, v = surface.u, surface.v
         notes.append(_relief(surface))
 
@@ -204,6 +205,24 @@ def of_session(products: Products, notes: list[str], geometry: Geometry) -> Regi
         camera=camera,
         relief=surface is not None,
     )
+
+
+def _surface(
+    products: Products, camera: Pinhole, plane: tuple[Floats, Floats, float], geometry: Geometry
+) -> SurfacePixels | None:
+    """The ground as a height map: a file's, or the one that the picture was focused on; None: it is a plane."""
+    x_m, y_m, z_m = plane
+    on_heights = products.settings("focus").get("grid") == "heights"
+    if geometry.heights is None:
+        if not on_heights:
+            return None
+        own = HeightMap(x_m, y_m, products.read("focus")["height_m"] - z_m)
+        return focused_to_camera(camera, own, *plane, geometry.height_sd_m)
+    if on_heights:
+        raise PolfuseError(
+            "was focused on heights of its own, which are used", where=str(products.path), advice="leave --heights out"
+        )
+    return surface_to_camera(camera, height_map(geometry.heights, z_m), *plane, geometry.height_sd_m)
 
 
 def _relief(surface: SurfacePixels) -> str:

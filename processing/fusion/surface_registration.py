@@ -74,18 +74,51 @@ def surface_to_camera(
         for values in (places.area, places.area * np.where(known, away, 0.0) ** 2)
     )
     layover = np.sqrt(moment / np.maximum(weight, 1e-300))
+    return _seen(camera, heights, (points, slope, layover), shape, z_m, height_sd_m)
+
+
+def focused_to_camera(
+    camera: Pinhole, heights: HeightMap, x_m: ArrayLike, y_m: ArrayLike, z_m: float, height_sd_m: float
+) -> SurfacePixels:
+    """Camera pixels of a radar picture that was focused on the height map itself: each pixel lies at its own height.
+
+    Args:
+        camera: the camera.
+        heights: over the plane z = z_m.
+        x_m, y_m: the picture's grid, m.
+        z_m: the plane's height, m.
+        height_sd_m: standard deviation of heights where the map tells none.
+    """
+    x, y = np.meshgrid(np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64))
+    z = z_m + heights.at(x, y)
+    # Slopes of the grid itself; of one row there are none.
+    slope = np.gradient(z, y[:, 0], axis=0) if len(y) > 1 else np.zeros(z.shape)
+    points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    return _seen(camera, heights, (points, slope.ravel(), np.zeros(z.size)), z.shape, z_m, height_sd_m)
+
+
+def _seen(
+    camera: Pinhole,
+    heights: HeightMap,
+    surface: tuple[Floats, Floats, Floats],
+    shape: tuple[int, ...],
+    z_m: float,
+    height_sd_m: float,
+) -> SurfacePixels:
+    """Places, slopes and layover of pixels, as the camera sees them."""
+    points, slope, layover = surface
+    u, v, _ = camera.project(points)
     inside = camera.inside(u, v)
-    hidden = np.zeros(count, dtype=bool)
+    hidden = np.zeros(len(points), dtype=bool)
     hidden[inside] = ~camera_sees(heights, z_m, camera.position_m, points[inside])
     shown = inside & ~hidden
     sd = heights.sd_at(points[:, 0], points[:, 1])
-    sd = np.where(np.isfinite(sd), sd, height_sd_m)
     return SurfacePixels(
         u=np.where(shown, u, np.nan).reshape(shape),
         v=np.where(shown, v, np.nan).reshape(shape),
         points_m=points.reshape(*shape, 3),
         slope=slope.reshape(shape),
-        height_sd_m=sd.reshape(shape),
+        height_sd_m=np.where(np.isfinite(sd), sd, height_sd_m).reshape(shape),
         layover_px=layover.reshape(shape),
         hidden=hidden.reshape(shape),
     )

@@ -110,7 +110,7 @@ def test_a_scene_on_a_height_map(products: Path, tmp_path: Path) -> None:
     # A wall of 0.6 m across the scene at 10 m: what lies behind is in the radar's shadow, 1.07 m up, to
     # 10.1 * 1.07 / 0.47 = 23 m; the camera stands as high.
     x, y = np.linspace(-6, 6, 7), np.array([3.0, 9.9, 9.95, 10.05, 10.1, 20.0])
-    heights = np.repeat(np.array([0, 0, 0.6, 0.6, 0, 0])[:, None], 7, axis=1)
+    heights = GROUND_Z_M + np.repeat(np.array([0, 0, 0.6, 0.6, 0, 0])[:, None], 7, axis=1)
     np.savez(tmp_path / "wall.npz", x_m=x, y_m=y, height_m=heights, sd_m=np.full(heights.shape, 0.02))
     fuse(products)
     flat = Products(products).read("fusion")
@@ -126,6 +126,24 @@ def test_a_scene_on_a_height_map(products: Path, tmp_path: Path) -> None:
     assert (stage["registration_error_px"][seen] < flat["registration_error_px"][seen]).all()
     assert settings["heights"] == "wall.npz"
     style.save(both_figure(Products(products)), tmp_path / "f.png")
+
+
+def test_a_picture_that_was_focused_on_heights(products: Path) -> None:
+    store = Products(products)
+    focus = store.read("focus")
+    raised = np.full(GRID.shape, GROUND_Z_M) + 0.02 * (GRID.y_m[:, None] - 3.0)
+    settings = {**store.settings("focus"), "grid": "heights"}
+    store.write("focus", {**focus, "height_m": raised}, settings=settings, inputs=[], units={})
+    made = fuse(products)
+    stage = store.read("fusion")
+    u, v, _ = CAMERA.project(np.stack([*np.meshgrid(GRID.x_m, GRID.y_m), raised], axis=-1))
+    seen = np.isfinite(stage["u_px"])
+    np.testing.assert_allclose(stage["u_px"][seen], u[seen], atol=1e-3)
+    np.testing.assert_allclose(stage["v_px"][seen], v[seen], atol=1e-3)
+    np.testing.assert_array_equal(seen, CAMERA.inside(u, v))  # a slope that rises away from both hides nothing
+    assert any("0 pixels are hidden from the camera" in note for note in made.notes)
+    with pytest.raises(PolfuseError, match="heights of its own"):
+        fuse(products, heights="any.npz")
 
 
 def test_same_seed_same_arrays(products: Path) -> None:
