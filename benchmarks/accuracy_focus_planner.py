@@ -94,7 +94,7 @@ def carry_out(seed: int) -> Outcome:
     seconds = math.inf
     for _ in range(2):
         begun = time.process_time()
-        image = _form(choice, profiles, collect, tolerance)
+        image = form(choice, profiles, collect, tolerance)
         seconds = min(seconds, time.process_time() - begun)
     measured = relative_error_db(image, collect.image())
     # The closed form stands in for range compression.
@@ -102,7 +102,8 @@ def carry_out(seed: int) -> Outcome:
     return Outcome(collect.kind, choice, tolerance, measured, seconds / ((choice.seconds - ranging) * machine_scale()))
 
 
-def _form(choice: Choice, profiles: RangeProfiles, collect: Collect, tolerance_db: float) -> NDArray[np.complex64]:
+def form(choice: Choice, profiles: RangeProfiles, collect: Collect, tolerance_db: float) -> NDArray[np.complex64]:
+    """Focus a collect as it was chosen."""
     if choice.method == "rma":
         image = range_migration(profiles, collect.grid)
     elif choice.method == "pfa":

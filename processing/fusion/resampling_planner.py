@@ -24,7 +24,7 @@ from processing.optics.pieces import spread_pieces
 Floats = NDArray[np.float64]
 
 NAMES = {1: "straight lines", 3: "cubic splines", 5: "splines of degree 5"}
-SAFETY_DB = 1.5
+SAFETY_DB = 0.5
 """How far below the tolerance the expected error must be."""
 EQUAL_DB = 0.5
 """Where nothing keeps the tolerance: what is gained by less than that is not worth its time."""
@@ -39,7 +39,7 @@ LEAST_PX = 16
 """Smallest side of a picture whose errors can be foretold."""
 TAPER = 0.5
 """Share of a piece's sides over which it fades out: less would leak, more would not see what is there."""
-SHARPER = 1.5
+SHARPER = 2.0
 """Power beyond half the sampling frequency over what the fall of the mean spectrum tells: some edges are sharper."""
 _FOLDS = (-1, 0, 1)
 _EDGES = np.linspace(0.06, 0.5, 12)

@@ -25,8 +25,9 @@ Floats = NDArray[np.float64]
 
 COST_NS = {"bilinear": 10.0, "newton": 340.0, "residual": 700.0}
 """Core time of a pixel, ns, on the core that ``polfuse trade`` was first run on; only their order decides."""
-SAFETY_DB = 2.0
-"""How far below the tolerance the expected error must be: measured errors exceed it by hardly more."""
+SAFETY_DB = 0.5
+"""How far below the tolerance the expected error must be: more would keep a few more tolerances, and cost more time
+than that is worth."""
 EQUAL_DB = 0.5
 """Where nothing keeps the tolerance: what is gained by less than that is not worth its time."""
 
