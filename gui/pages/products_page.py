@@ -228,6 +228,7 @@ class ProductsPage(QWidget):
             ground = isinstance(view, SpaceView) or view.ground
             view.follow(self.linked if ground else camera)
             self.pictures.addWidget(view)
+        self.pictures.setSizes([self.pictures.width() // len(self.views)] * len(self.views))
         self.settings.setPlainText(found.settings)
         self._shown_names = found.names
 

@@ -46,6 +46,8 @@ class SpaceView(QWidget):
         self.canvas.setAccessibleName(self.tr("Classes in Pauli space"))
         self.readout = QLabel(" ")
         self.readout.setProperty("role", "dim")
+        # Long words are cut off: they do not push the picture beside it away.
+        self.readout.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(2)

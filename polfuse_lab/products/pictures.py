@@ -245,7 +245,7 @@ _TITLES: dict[str, dict[str, str]] = {
         "mechanism": "Strongest mechanism (truth)",
     },
     "fusion": {
-        "colours": "Pauli over S0, DOLP as saturation",
+        "colours": "Pauli over S0 by DOLP",
         "classes": "Classes",
         "dolp_on_ground": "DOLP on the ground",
         "s0_on_ground": "S0 on the ground",
