@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.rows import Row
+from benchmarks.tape_card import tape
 from drivers.records import AudioBlock, Channel, Frame, SwitchState
 from polfuse_lab.live import LiveView
 from polfuse_lab.live.feed import LiveFeed
@@ -35,6 +36,8 @@ CORE_SHARE = 1.0
 """The live process may use one core at most."""
 CHANNELS = (Channel.HH, Channel.HV, Channel.VV, Channel.VH)
 RECORD_SWEEPS = 8
+SETTLING_WORDS = 4
+"""Words on the live process's health, one a second, until what came while it started has been dealt with."""
 
 RIG = f"""
 [waveform]
@@ -74,13 +77,7 @@ class _Tape:
     """A radar that lets itself be overheard: the same second of a point's echo again and again, as time goes by."""
 
     def __init__(self) -> None:
-        t = np.arange(RATE) / RATE
-        inside = np.mod(t, PERIOD_S) < PERIOD_S / 2
-        samples = np.zeros((RATE, 2))
-        samples[:, 0] = 0.2 * np.sin(2 * np.pi * 600.0 * t) * inside
-        samples[:, 1] = np.where(inside, 0.7, -0.7)
-        noise = np.random.default_rng(1).normal(scale=0.01, size=samples.shape)
-        self._samples: NDArray[np.int16] = np.round((samples + noise) * 32767).astype(np.int16)
+        self._samples = tape(RATE, PERIOD_S)
         self._begun = time.monotonic_ns()
 
     def _at(self, first: int, frames: int) -> NDArray[np.int16]:
@@ -161,9 +158,13 @@ def _measure(view: LiveView, seconds: float) -> list[Row]:
 
 
 def until_shown(view: LiveView) -> None:
-    """Wait until everything has been shown once: programs and compiled code are loaded then."""
+    """Wait until everything has been shown once, programs and compiled code are loaded, and nothing waits of before."""
     wanted = ("levels", "profile.HH", "camera.000.0", "optics", "sar", "health")
     _until(lambda: all(view.newest(name) is not None for name in wanted), 120.0)
+    health = view.newest("health")
+    assert health is not None
+    number = health.number + SETTLING_WORDS
+    _until(lambda: (item := view.newest("health")) is not None and item.number >= number, 30.0)
 
 
 def _camera(feed: LiveFeed, ended: threading.Event) -> None:

@@ -33,6 +33,8 @@ FRAMES_WAITING = 8
 RECORDS_WAITING = 2000
 AUDIO_WAITING = 32
 """Messages of each kind that may wait; the oldest is skipped when there are more."""
+FRAMES_BEHIND = 2
+"""With so many waiting behind it, a frame that is followed by another like it is skipped: the newest is to be seen."""
 HEALTH_EVERY_S = 1.0
 
 Item = TypeVar("Item")
@@ -202,7 +204,11 @@ class LiveProcess:
 
         def work() -> None:
             while self._frames and not self._ended:
-                pictures.take(self._frames.popleft())
+                exposure = self._frames.popleft()
+                if len(self._frames) >= FRAMES_BEHIND and _alike(exposure, self._frames[0]):
+                    self.counts.frames += 1
+                    continue
+                pictures.take(exposure)
                 if pictures.polarized is not self._polarized:
                     self._polarized = pictures.polarized
                     self._wakes["image"].set()
@@ -261,6 +267,11 @@ class LiveProcess:
                 "pid": os.getpid(),
             },
         )
+
+
+def _alike(one: Exposure, other: Exposure) -> bool:
+    """Whether two frames show the same: none is missed where one of them is left out."""
+    return (one.angle_rad, one.source_angle_rad, one.dark) == (other.angle_rad, other.source_angle_rad, other.dark)
 
 
 def main() -> None:
