@@ -32,10 +32,13 @@ KNOBS = (
     Knob("autofocus", "focus --autofocus-method", "iterations and model", "accuracy.autofocus", "gain in entropy"),
     Knob("zero padding of a profile", "range_axis(oversampling=)", "level between bins", "ranging.padding", "planner"),
     Knob("window over the ramp", "focus --window", "side lobes for resolution", "ranging.window", "hann"),
-    Knob("demosaicer", "optics --demosaic", "bilinear, newton, residual", "optics.demosaic", "planner"),
+    Knob("demosaicer", "optics --demosaic", "bilinear, newton, residual", "optics.demosaic", "bilinear, or tolerance"),
     Knob("precision of the mosaic's pass", "mosaic_stokes", "float32 or float64", "optics.precision", "bound"),
     Knob("bias of DOLP", "always on", "a function for each pixel", "optics.debias", "on"),
     Knob("registration of exposures", "optics --register", "splines where it moved", "accuracy.optics", "significance"),
+    Knob(
+        "camera's picture on the ground", "fuse --tolerance", "lines or splines", "accuracy.planners", "straight lines"
+    ),
     Knob("rays of a pixel", "raytrace: samples, error", "noise", "raytrace", "error asked for"),
     Knob("bounces", "raytrace: bounces", "light left out", "raytrace", "measured limit"),
     Knob("facets of a body", "raytrace: divisions", "shape of curved bodies", "accuracy.raytrace", "told"),
@@ -50,7 +53,13 @@ KNOBS = (
         "half a wave",
     ),
     Knob("draws of a budget", "calibrate_targets(draws=)", "Monte Carlo's own noise", "accuracy.calibration", "1000"),
-    Knob("filter of the session file", "SessionConfig", "room for time, lossless", "storage.frames", "bitshuffle-lz4"),
+    Knob(
+        "filter of the session file",
+        "[storage] filter",
+        "room for time, lossless",
+        "storage.frames",
+        "bitshuffle-lz4, or auto",
+    ),
     Knob("sizes of live pictures", "live process", "display size, skipped records", "speed.live", "what keeps up"),
 )
 """In the order of the work; the tests compare the tasks with what ``polfuse trade`` measures."""
