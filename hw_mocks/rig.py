@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw_mocks.faults import Fault, FaultKind, FaultScript
 from hw_mocks.gige_camera import GigeCamera
@@ -211,6 +212,11 @@ class SimulatedRig:
             raise PolfuseError(
                 f"the simulated sound card failed ({failure})", where="simulated rig", advice="check the scene file"
             ) from failure
+
+    @property
+    def picture(self) -> NDArray[np.float64] | None:
+        """What the camera sees of bodies, :attr:`processing.scene.model.Scene.picture`; None for other scenes."""
+        return self._seen.scene.picture
 
     @property
     def audio(self) -> str:

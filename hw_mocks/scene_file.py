@@ -216,7 +216,7 @@ class CameraEntry(FileModel):
 class RaysEntry(FileModel):
     """How finely bodies are followed."""
 
-    cell_m: float = Field(default=0.1, ge=1e-3, le=10)
+    cell_m: float = Field(default=0.1, ge=0.01, le=10)
     """Distance of the radar's rays 10 m ahead, before they are split at edges, m."""
     levels: int = Field(default=5, ge=0, le=8)
     """How often a cell between rays is split in four."""
@@ -224,7 +224,7 @@ class RaysEntry(FileModel):
     """Most bounces of the radar's rays."""
     points_per_m2: float = Field(default=10.0, gt=0, le=1e4)
     """Scatterers of rough ground."""
-    step_m: float = Field(default=0.1, ge=1e-3, le=10)
+    step_m: float = Field(default=0.1, ge=0.01, le=10)
     """Way of the trolley after which the radar's rays are sent anew, m."""
     samples: int = Field(default=100, ge=1, le=100_000)
     """Rays of each of the camera's pixels."""

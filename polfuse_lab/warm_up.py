@@ -51,6 +51,7 @@ from processing.sar.polar_format import polar_format
 from processing.sar.range_migration import range_migration
 from processing.scattering.contributions import together
 from processing.scattering.history import Sweep, phase_history
+from processing.scattering.rail_echoes import RailRadar, rail_echoes
 from processing.scattering.rough import rough_points
 from processing.scattering.shooting import Density, shoot
 from processing.scattering.surfaces import RadarSurface
@@ -125,6 +126,7 @@ def _rays() -> None:
     found.scattering(antenna_m, 0.125, np.zeros(3))
     both = together([found, rough_points(target, surfaces, antenna_m, 10.0)])
     phase_history(lambda _: both, antenna_m[None], np.zeros(3), Sweep(2.4e9, 80e6, 16))
+    rail_echoes(lambda _: both, (0.0, 0.0), RailRadar(2.4e9, 80e6))
 
 
 def _polarimetry() -> None:

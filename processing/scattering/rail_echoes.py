@@ -93,10 +93,11 @@ class RailEchoes:
             DataError: a place off the rail.
         """
         at = (np.atleast_1d(np.asarray(x_m, dtype=np.float64)) - self.first_m) / self.radar.place_step_m
-        whole = np.floor(at).astype(np.int64)
-        begin = whole - TAPS // 2 + 1
-        if not np.all(np.isfinite(at)) or begin.min() < 0 or begin.max() + TAPS > self.bins.shape[3]:
+        half = TAPS // 2
+        if not np.all((at >= half - 1) & (at < self.bins.shape[3] - half)):
             raise DataError("a place lies off the rail that echoes were made for", "make the rail longer")
+        whole = np.floor(at).astype(np.int64)
+        begin = whole - half + 1
         powers = (at - whole - 0.5)[:, None] ** np.arange(DEGREE + 1)
         weights = powers @ least_squares_polynomials(TAPS, FINER, DEGREE)
         channel = self.bins[:, receive, transmit]
@@ -175,6 +176,8 @@ def rail_echoes(
     step = radar.place_step_m
     first = low - (TAPS // 2) * step
     count = math.ceil((high - low) / step) + TAPS + 1
+    if 8 * count * KERNEL.taps > MOST_BINS:
+        raise DataError(f"a rail of {high - low:g} m has {count} places", "make it shorter")
     track = np.zeros((count, 3))
     track[:, 0] = first + np.arange(count) * step
     views = np.linspace(low, high, math.ceil((high - low) / view_step_m) + 1) if high > low else np.array([low])
