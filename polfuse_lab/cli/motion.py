@@ -23,7 +23,7 @@ def motion(
     ],
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Session: products file to write to; SOURCE-products.h5 by default."),
+        typer.Option("--output", "-o", help="Products file to write to; of a session SOURCE-products.h5 by default."),
     ] = None,
     figure: Annotated[Path | None, typer.Option(help="Picture to draw; beside the source by default.")] = None,
     velocity: Annotated[
@@ -52,7 +52,7 @@ def motion(
     if is_products(source):
         values, lines = _simulated(source, figure, velocity, height_m, x, y, false_alarm)
     elif source.suffix == ".npz":
-        values, lines = _history(source, figure, x, y, false_alarm, example=example)
+        values, lines = _history(source, output, figure, x, y, false_alarm, example=example)
     else:
         values, lines = _session(source, output, figure, velocity, height_m)
     result(values, as_json=json_, text="\n".join(lines))
@@ -60,6 +60,7 @@ def motion(
 
 def _history(
     source: Path,
+    output: Path | None,
     figure: Path | None,
     x: tuple[float, float] | None,
     y: tuple[float, float] | None,
@@ -71,19 +72,15 @@ def _history(
 
     from polfuse_lab.products import style
     from polfuse_lab.products.figures_motion import targets_figure
-    from polfuse_lab.products.motion_history import moving_targets, write_example
+    from polfuse_lab.products.motion_history import moving_targets, write_example, write_targets
 
     if example:
         write_example(source)
     made = moving_targets(source, x_m=x, y_m=y, false_alarm=false_alarm)
     drawn = style.save(targets_figure(made, source.stem), figure or source.with_name(f"{source.stem}_motion.png"))
-    names = (
-        "x_m", "y_m", "azimuth_m_s", "azimuth_sd_m_s", "ground_m_s", "ground_sd_m_s", "slant_m_s", "slant_sd_m_s",
-        "shift_m", "snr_db",
-    )  # fmt: skip
-    targets = [{name: getattr(target, name) for name in names} for target in made.found.targets]
-    for target in targets:
-        target["y_m"] += made.track_y_m
+    if output is not None:
+        write_targets(made, output, source)
+    targets = made.targets()
     limits = asdict(made.ambiguities)
     values = {
         "targets": targets,
@@ -123,7 +120,7 @@ def _simulated(
     from polfuse_lab.products.motion import correct_simulated
     from polfuse_lab.products.store import Products
 
-    values, lines = _history(source, figure, x, y, false_alarm, example=False)
+    values, lines = _history(source, source, figure, x, y, false_alarm, example=False)
     if "exposures" not in Products(source).stages():
         return values, lines
     targets = values["targets"]

@@ -22,6 +22,12 @@ from processing.sar.grid import ImageGrid
 
 Floats = NDArray[np.float64]
 
+STAGE = "moving"
+TOLD = (
+    "x_m", "y_m", "azimuth_m_s", "azimuth_sd_m_s", "ground_m_s", "ground_sd_m_s", "slant_m_s", "slant_sd_m_s",
+    "shift_m", "snr_db",
+)  # fmt: skip
+"""What is told of each target."""
 NEEDED = ("echoes", "first_hz", "step_hz", "antenna_m", "reference_m", "time_s", "beamwidth_rad", "z_m")
 """What the file holds: echoes (pulses, frequencies), places (pulses, 3), references and times (pulses,), and
 numbers."""
@@ -40,6 +46,40 @@ class HistoryResult:
     ambiguities: Ambiguities
     track_y_m: float = 0.0
     """Where the track runs in the file's coordinates: to be added to y."""
+
+    def targets(self) -> list[dict[str, float]]:
+        """Places and velocities in the file's coordinates, the most evident first."""
+        told = [{name: float(getattr(target, name)) for name in TOLD} for target in self.found.targets]
+        return [{**target, "y_m": target["y_m"] + self.track_y_m} for target in told]
+
+
+def write_targets(result: HistoryResult, products_path: Path | str, source: Path | str) -> None:
+    """Write the stage "moving": ``power`` of the picture of what stands, ``x_m``, ``y_m``; settings ``targets``, each
+    with where its streak is (``streak_x_m``, ``streak_y_m``).
+
+    Raises:
+        PolfuseError: the products file cannot be written.
+    """
+    grid, found = result.grid, result.found
+    y = grid.y_m + result.track_y_m
+    streaks = [
+        {
+            "streak_x_m": float(np.interp(streak.column, np.arange(len(grid.x_m)), grid.x_m)),
+            "streak_y_m": float(np.interp(streak.row, np.arange(len(y)), y)),
+        }
+        for streak in found.streaks
+    ]
+    Products(products_path).write(
+        STAGE,
+        {"power": found.power.astype(np.float32), "x_m": grid.x_m, "y_m": y},
+        settings={
+            "targets": [{**target, **streak} for target, streak in zip(result.targets(), streaks, strict=True)],
+            "rejected": [item.reason for item in found.rejected],
+            "tiles": found.tiles,
+        },
+        inputs=[source],
+        units={"x_m": "m", "y_m": "m"},
+    )
 
 
 def moving_targets(

@@ -162,6 +162,26 @@ def _moved(arrays: Arrays, settings: dict[str, Any], name: str, part: str, title
     return Picture(name, title, "number", arrays[part], "counts", limits=(0.0, max(top, 1e-6)), tracks=tracks)
 
 
+def _moving(arrays: Arrays, settings: dict[str, Any], name: str, part: str, title: str) -> Picture:
+    """What stands, by radar, and from each streak an arrow to where the target that makes it was."""
+    power = arrays["power"].astype(np.float64)
+    level = (10 * np.log10(np.where(power > 0, power, np.nan))).astype(np.float32)
+    middle = float(np.nanmedian(level)) if np.isfinite(level).any() else 0.0
+    tracks = tuple(
+        Track(
+            np.array([target["streak_x_m"], target["x_m"]]),
+            np.array([target["streak_y_m"], target["y_m"]]),
+            f"{number}: along {target['azimuth_m_s']:+.2f} ± {target['azimuth_sd_m_s']:.2g}, across "
+            f"{target['ground_m_s']:+.2f} ± {target['ground_sd_m_s']:.2g} m/s",
+        )
+        for number, target in enumerate(settings["targets"], start=1)
+    )
+    return Picture(
+        name, title, "level", level - np.float32(middle), "dB over the median", arrays["x_m"], arrays["y_m"],
+        limits=(-10.0, 25.0), tracks=tracks,
+    )  # fmt: skip
+
+
 def _way(arrays: Arrays, settings: dict[str, Any]) -> tuple[Track, ...]:
     """From where the object was at the first exposure to where it was at the last."""
     rows, columns = np.nonzero(arrays["object"])
@@ -237,6 +257,7 @@ _TITLES: dict[str, dict[str, str]] = {
         "error_before": "Error image as taken",
         "object": "What moved",
     },
+    "moving": {"power": "What moves, by radar"},
     "simulation": {
         "s0": "S0, simulated",
         "dolp": "DOLP, simulated",
@@ -259,6 +280,7 @@ _MAKERS: dict[str, Callable[[Arrays, dict[str, Any], str, str, str], Picture]] =
     "polarimetry": _polarimetric,
     "optics": _optical,
     "motion": _moved,
+    "moving": _moving,
     "simulation": _simulated,
     "fusion": _fused,
 }

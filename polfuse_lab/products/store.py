@@ -50,6 +50,7 @@ MADE_BY = {
     "analyser": "polfuse optics SESSION.h5 -o PRODUCTS.h5 --as analyser",
     "camera": "polfuse optics BOARDS -o PRODUCTS.h5 --as camera",
     "motion": "polfuse motion SESSION.h5 -o PRODUCTS.h5",
+    "moving": "polfuse motion FLIGHT.npz -o PRODUCTS.h5",
     "fusion": "polfuse fuse PRODUCTS.h5",
 }
 """The command that makes each stage."""

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from benchmarks.motion_scene import ANGLES_RAD, RoadScene
 from drivers.records import Frame
 from polfuse_lab.cli import build
+from polfuse_lab.products.pictures import load_picture
 from polfuse_lab.products.store import Products
 from polfuse_lab.records import Exposure
 from polfuse_lab.rig import Waveform
@@ -90,8 +91,9 @@ def test_a_sessions_exposures_are_corrected(session: Path, tmp_path: Path, given
 
 
 def test_vehicles_of_the_example_are_found(tmp_path: Path) -> None:
-    path = tmp_path / "flight.npz"
-    code, told, _ = run(str(path), "--example", "--json", "--x", "-600", "500", "--y", "14700", "15180")
+    path, products = tmp_path / "flight.npz", Products(tmp_path / "p.h5")
+    where = ("-o", str(products.path), "--x", "-600", "500", "--y", "14700", "15180")
+    code, told, _ = run(str(path), "--example", "--json", *where)
     assert code == 0
     values = json.loads(told)
     found = sorted((t["azimuth_m_s"], t["ground_m_s"], t["ground_sd_m_s"]) for t in values["targets"])
@@ -102,6 +104,14 @@ def test_vehicles_of_the_example_are_found(tmp_path: Path) -> None:
         assert across == pytest.approx(truth[1], abs=4 * sd)
     assert values["ambiguities"]["unambiguous_m_s"] == pytest.approx(21.6, abs=0.1)
     assert Path(values["figure"]).stat().st_size > 10_000
+    # As the window shows them: an arrow from each streak to its target, whose velocity shifts it along the track.
+    shown = load_picture(products, "moving.power")
+    for track, target in zip(shown.tracks, values["targets"], strict=True):
+        assert (track.x[-1], track.y[-1]) == (target["x_m"], target["y_m"])
+        # The streak's middle is that of the time in which it is seen, in which the target goes on along the track.
+        on = abs(target["azimuth_m_s"]) * np.ptp(np.load(path)["time_s"]) / 2
+        assert track.x[0] - track.x[-1] == pytest.approx(target["shift_m"], abs=on)
+        assert f"along {target['azimuth_m_s']:+.2f}" in track.words
 
 
 def test_files_that_cannot_be_used_are_refused_in_one_line(tmp_path: Path) -> None:
