@@ -111,7 +111,7 @@ class RailEchoes:
         """What each bin gives at instants of a ramp, residual video phase and all.
 
         The phase ``pi K tau^2`` is taken at the bins' delays. Echoes reach over half the kernel's taps of them, in
-        which it changes by ``2 pi K tau taps / (2 over B)`` (for a ramp of length T: ``pi taps tau / over T``, 1e-4
+        which it changes by ``2 pi K tau taps / (2 over B)`` (for a ramp of length T: ``pi taps tau / over T``, 2e-4
         of the echo at 40 m and 20 ms).
 
         Args:
