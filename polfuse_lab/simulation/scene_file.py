@@ -39,14 +39,14 @@ TABLES: dict[str, dict[str, dict[str, Any]]] = {
         "flight": {"track_m": 3000.0, "pulses": 1501, "speed_m_s": 200.0},
         "radar": {"centre_hz": SPEED_OF_LIGHT_M_S / 0.312, "bandwidth_hz": 150e6, "frequencies": 128},
     },
-    "7.1": {},
+    "7.2": {},
     "8.1": {
         "flight": {"track_m": 240.0 * 4350 / 362.53, "pulses": 4351, "speed_m_s": 240.0},
         "radar": {"centre_hz": 1.2575e9, "bandwidth_hz": 80e6, "frequencies": 256, "beamwidth_deg": 4.5},
     },
 }
-"""Flight and radar of the thesis's tables where they are not those of Tables 7.1 and 7.2; all fly at 15 km and look
-down by 45 degrees.
+"""Flight and radar of the thesis's tables where they are not those of Table 7.2; all fly at 15 km and look down by 45
+degrees.
 
 Printed are, of Table 6.1, a wavelength of 31.2 cm, 200 m/s and a pulse every 10 ms; track and bandwidth, of which it
 tells nothing, make cells of a metre here. Of Table 8.1, 80 MHz, 240 m/s, 362.53 pulses a second and 4.5 degrees; the
@@ -66,7 +66,7 @@ class FlightPart(FileModel):
     pulses: Annotated[int, Field(ge=2, le=100_000)] = 600
     speed_m_s: Annotated[float, Field(gt=0, le=1e5)] = 200.0
     """Along x: time 0 is the middle of the track."""
-    table: Literal["6.1", "7.1", "8.1"] = "7.1"
+    table: Literal["6.1", "7.2", "8.1"] = "7.2"
     """Table of the thesis whose flight and radar hold where none is given (:data:`TABLES`)."""
 
 

@@ -100,7 +100,7 @@ def moved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
 
 def test_truth_is_kept(moved: tuple[Path, dict[str, Any]]) -> None:
     store = Products(moved[0])
-    assert store.stages() == ["matrices", "polarimetry", "simulation", "history", "exposures", "motion"]
+    assert store.stages() == ["matrices", "polarimetry", "simulation", "history", "exposures", "moving", "motion"]
     bodies = store.settings("simulation")["bodies"]
     assert [body["velocity_m_s"] for body in bodies] == [[0, 0, 0], list(VELOCITY), list(VELOCITY)]
     # The map is that of time 0.
@@ -176,9 +176,9 @@ def test_tables_stand_in_for_what_is_not_given() -> None:
     assert air.beamwidth_rad == pytest.approx(math.radians(4.5))
     np.testing.assert_allclose(np.diff(air.time_s), 1 / 362.53, rtol=1e-9)
     assert air.aperture_m == pytest.approx(2 * 15_000 * math.sqrt(2) * math.tan(math.radians(2.25)))
-    plain = parse_model('[flight]\ntable = "7.1"\n' + REST, SolidSceneFile, "scene.toml")
+    plain = parse_model('[flight]\ntable = "7.2"\n' + REST, SolidSceneFile, "scene.toml")
     assert plain == parse_model(REST, SolidSceneFile, "scene.toml")
-    assert set(TABLES) == {"6.1", "7.1", "8.1"}
+    assert set(TABLES) == {"6.1", "7.2", "8.1"}
     with pytest.raises(Exception, match=r"line 2, flight.table"):
         parse_model('[flight]\ntable = "5.1"\n' + REST, SolidSceneFile, "scene.toml")
     with pytest.raises(Exception, match=r"radar"):

@@ -1,4 +1,4 @@
-"""A target in Table 6.1's geometry and a moving point in Table 8.1's, as ``accuracy.thesis_tables`` has them at length."""
+"""A target in Table 6.1's geometry and a moving point in Table 8.1's, at length in ``accuracy.thesis_tables``."""
 
 from __future__ import annotations
 
