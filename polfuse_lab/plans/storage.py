@@ -77,7 +77,7 @@ def expected_frame(camera: CameraSection, seed: int = 1) -> NDArray[Any]:
     light = full * np.linspace(0.02, 0.66, rows)[:, None] * np.linspace(0.5, 1.0, columns)
     noise = SensorNoise(camera.read_noise_counts, camera.electrons_per_count)
     counts = camera.black_level_counts + light + np.sqrt(noise.variance(light)) * rng.normal(size=light.shape)
-    return np.clip(np.rint(counts), 0, camera.saturation_counts).astype(camera.counts_dtype)
+    return np.asarray(np.clip(np.rint(counts), 0, camera.saturation_counts), dtype=camera.counts_dtype)
 
 
 def expected_audio(rig: Rig, seed: int = 1) -> NDArray[Any]:
@@ -91,5 +91,5 @@ def expected_audio(rig: Rig, seed: int = 1) -> NDArray[Any]:
     both = np.stack([np.zeros(count), np.where(high, 0.5, -0.5)], axis=1)
     both += 2.0 ** (AUDIO_NOISE_BITS - 16) / 4 * rng.normal(size=both.shape)
     if dtype.kind == "f":
-        return both.astype(dtype)
-    return np.rint(both * np.iinfo(dtype).max).astype(dtype)
+        return np.asarray(both, dtype=dtype)
+    return np.asarray(np.rint(both * np.iinfo(dtype).max), dtype=dtype)

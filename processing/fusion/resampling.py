@@ -96,7 +96,8 @@ def spline_spectrum(degree: int, frequency: ArrayLike) -> Floats:
 
 def passed(degree: int, frequency: ArrayLike) -> Floats:
     """``m``: what of a component of the scene stays itself; also beyond half the sampling frequency."""
-    return np.asarray(np.sinc(frequency) ** (degree + 1) / spline_spectrum(degree, frequency))
+    nu = np.asarray(frequency, dtype=np.float64)
+    return np.asarray(np.sinc(nu) ** (degree + 1) / spline_spectrum(degree, nu))
 
 
 def power_between(degree: int, frequency: ArrayLike) -> Floats:
