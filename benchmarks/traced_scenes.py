@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,6 +13,13 @@ from processing.raytrace.sources import GaussianSource, PlaneSource, PointSource
 from processing.raytrace.triangles import Triangles, joined
 from processing.raytrace.view import View
 from processing.raytrace.world import World, world
+from processing.sar.grid import ImageGrid
+from processing.scattering.history import Sweep
+from processing.scattering.shooting import Density
+from processing.scattering.surfaces import RadarSurface
+from processing.scene import primitives
+from processing.scene.radar_simulation import RadarLook, straight_track
+from processing.scene.solids import Part, Solid, SolidScene, Substance
 
 INDICES = (1.5, 1.02 + 6.84j, 2.5 + 3.0j, 0.2 + 3.4j)
 """Glass, aluminium, and metals as chromium and silver are."""
@@ -70,3 +78,54 @@ def _light(rng: np.random.Generator) -> Source:
     if kind == "sun":
         return Sun(place, strength)
     return RayleighSky(place, 0.3 * strength)
+
+
+@dataclass(frozen=True)
+class Yard:
+    """A scene of bodies, how a radar looks at it, and the picture's pixels."""
+
+    scene: SolidScene
+    look: RadarLook
+    grid: ImageGrid
+
+
+def random_yard(seed: int) -> Yard:
+    """One to three bodies on a patch of ground, rough or smooth, seen from 2 to 16 km along a track of 24 pulses."""
+    rng = np.random.default_rng(seed)
+    white = Lambert(0.5)
+    permittivity = complex(float(rng.uniform(2.5, 15)), -float(rng.uniform(0.05, 3)))
+    substances = (
+        Substance("metal", RadarSurface(), white),
+        Substance("ground", RadarSurface(permittivity, float(rng.choice([0.005, 0.01, 0.03]))), white),
+        Substance("wall", RadarSurface(complex(float(rng.uniform(2.5, 6)), -0.2), 0.001), white),
+    )
+    # Nothing stands along the track: an edge there is misplaced as a whole, by half of the finest cell.
+    patch = shapes.patch((-2.5, -2.5, 0), (5, 0, 0), (0, 5, 0))
+    solids = [Solid("ground", "ground", (Part(patch, "ground"),)).placed((0.0, 0.0, 0.0), float(rng.uniform(0.2, 1.3)))]
+    for number in range(int(rng.integers(1, 4))):
+        make = rng.choice(["box", "dihedral", "trihedral", "plate"])
+        size, substance = float(rng.uniform(0.4, 1.2)), str(rng.choice(["metal", "metal", "wall"]))
+        if make == "box":
+            deep, high = (float(value) for value in rng.uniform(0.4, 1.2, 2))
+            body = primitives.box(size, deep, high, substance).parts[0].mesh
+        elif make == "plate":
+            body = shapes.plate(size).turned(shapes.turn_about((1, 0, 0), float(rng.uniform(0.3, 1.5))))
+            body = body.moved((0.0, 0.0, size))
+        else:
+            open_to = shapes.turn_about((0, 0, 1), math.pi if make == "dihedral" else 1.25 * math.pi)
+            made = shapes.dihedral(size) if make == "dihedral" else shapes.trihedral(size)
+            body = made.turned(open_to).moved((0.0, 0.0, 0.01))
+        turn = float(rng.choice([-1, 1]) * rng.uniform(0.1, 0.6))
+        place = (float(rng.uniform(-1.4, 1.4)), float(rng.uniform(-1.4, 1.4)), 0.0)
+        solids.append(Solid(f"body {number}", make, (Part(body, substance),)).placed(place, turn))
+    away, down = float(10 ** rng.uniform(3.3, 4.2)), math.radians(float(rng.uniform(25, 65)))
+    middle = (0.0, -away * math.cos(down), away * math.sin(down))
+    sweep = Sweep(float(rng.uniform(1e9, 2.5e9)), 0.15e9, 32)
+    # Flat faces flash when they are met upright: as far as the radar turns around them they do or do not.
+    track = away * float(rng.uniform(0.02, 0.1))
+    look = RadarLook(
+        straight_track(middle, track, 24), (0.0, 0.0, 0.0), sweep, Density(0.3), float(rng.uniform(2, 10)),
+        seed=seed,
+    )  # fmt: skip
+    axis = np.linspace(-4.0, 4.0, 25)
+    return Yard(SolidScene(f"yard {seed}", substances, tuple(solids)), look, ImageGrid(axis, axis, 0.0))

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +99,7 @@ def simulate(
     products: Path | str,
     *,
     figure: Path | str | None = None,
+    tolerance_db: float | None = None,
     progress: Progress | None = None,
 ) -> SolidSimulation:
     """Simulate what radar and camera see of a scene file, both on its ground grid.
@@ -117,6 +119,8 @@ def simulate(
         scene_path: the scene file.
         products: the products file; its other stages are kept.
         figure: where to draw both pictures; nothing is drawn when left out.
+        tolerance_db: largest error, dB below each eye's picture: chooses bounces, rays and segments in place of the
+            file's, and its planners tell of themselves in the settings.
         progress: called as it goes on.
 
     Raises:
@@ -137,6 +141,7 @@ def simulate(
         grid,
         air,
         density=given.radar.density,
+        tolerance_db=tolerance_db,
         points_per_m2=given.radar.points_per_m2,
         seed=given.radar.seed,
         move_m=given.radar.move_m,
@@ -148,13 +153,18 @@ def simulate(
         given.light.sources(),
         air,
         samples=given.camera.samples,
+        tolerance_db=tolerance_db,
         seed=given.camera.seed,
         progress=_told(progress, "light"),
     )
     bodies = bodies_from_above(scene, grid)
     seen = radar.simulated
-    left_out = LeftOut(given.radar.bounces, seen.beyond_db, seen.parted, seen.curvature_rad)
+    followed = given.radar.bounces if radar.plan is None else radar.plan.density.bounces
+    left_out = LeftOut(followed, seen.beyond_db, seen.parted, seen.curvature_rad)
     notes = _notes(given, scene, left_out)
+    for eye, plan in (("radar", radar.plan), ("light", optics.plan)):
+        if plan is not None and not plan.reached:
+            notes += (f"{eye}: the tolerance was not reached, {plan.predicted_error_db:.1f} dB are expected",)
     made = SolidSimulation(store.path, None, scene, grid, radar, optics, bodies, left_out, notes)
     _write(store, path, given, made)
     if figure is None:
@@ -176,6 +186,31 @@ def _kinds(scene: SolidScene, bodies: NDArray[np.int64]) -> dict[str, NDArray[np
     for number, solid in enumerate(scene.solids):
         found[solid.kind] = found.get(solid.kind, np.zeros(bodies.shape, dtype=bool)) | (bodies == number)
     return found
+
+
+def planned(made: SolidSimulation) -> dict[str, Any]:
+    """What a tolerance chose for both eyes, as products and JSON keep it; None where an error is none at all."""
+    found: dict[str, Any] = {}
+    if made.radar.plan is not None:
+        plan = made.radar.plan
+        names = ("predicted_error_db", "bounces_db", "rays_db", "segments_db", "truth_db")
+        found["radar_plan"] = {
+            "tolerance_db": plan.tolerance_db, **asdict(plan.density), "segments": plan.segments,
+            **{name: _finite(getattr(plan, name)) for name in names}, "reached": plan.reached,
+            "explanation": plan.explain(),
+        }  # fmt: skip
+    if made.optics.plan is not None:
+        trace = made.optics.plan
+        errors = {name: _finite(getattr(trace, name)) for name in ("predicted_error_db", "noise_db", "left_out_db")}
+        found["light_plan"] = {
+            "tolerance_db": trace.tolerance_db, "bounces": trace.bounces, "samples": trace.samples, **errors,
+            "reached": trace.reached, "explanation": trace.explain(),
+        }  # fmt: skip
+    return found
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _notes(given: SolidSceneFile, scene: SolidScene, left_out: LeftOut) -> tuple[str, ...]:
@@ -245,6 +280,7 @@ def _write(store: Products, path: Path, given: SolidSceneFile, made: SolidSimula
             "trace_error": optics.picture.error,
             "left_out": made.left_out,
             "notes": made.notes,
+            **({} if radar.plan is None else planned(made)),
         },
         inputs=inputs,
         units=UNITS,

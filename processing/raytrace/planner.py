@@ -35,7 +35,7 @@ PILOT_PIXELS = 4096
 """Larger pictures are first looked at with pixels of their own, this many at most."""
 MOST_BOUNCES = 40
 """That the first look follows; what lies beyond is extrapolated."""
-SAFETY_DB = 0.7
+SAFETY_DB = 1.0
 """How far below the tolerance the expected error must be."""
 
 
@@ -52,6 +52,7 @@ class Pilot:
     samples: int
     """Of a pixel that serve the picture, too; 0 where the look had other pixels."""
     rays: int
+    """Traced, to sources too."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,8 @@ def trace_to(
             break
         if progress:
             progress(min(run.samples / needed, 1.0))
-        run.add(min(needed, 4 * run.samples) - run.samples)
+        # Step by step: single bright rays make the first variances too large as often as too small.
+        run.add(min(needed, 2 * run.samples) - run.samples)
     mean, deviation = run.statistics()
     out = tuple(part for part in pilot.left_out if part.bounce > bounces or not part.met)
     traced = run.rays + (0 if pilot.samples else pilot.rays)
@@ -202,23 +204,23 @@ def _look(run: Run) -> Pilot:
     samples = max(PILOT_SAMPLES, math.ceil(PILOT_PATHS / len(look.sums)))
     sums, squares = shares = look.shares()
     look.add(samples, shares)
-    rays = len(look.sums) * samples
+    paths = len(look.sums) * samples
     lamps = int(np.sum(look.world.sources[:, KIND] != Kind.SKY))
     # A path that goes on after k reflections is one ray, and one more to every lamp from where it ends.
-    alive = sums[..., -1].sum(axis=0) / rays
+    alive = sums[..., -1].sum(axis=0) / paths
     cost = np.cumsum(alive) + lamps * np.concatenate([[0.0], np.cumsum(alive[1:])])
     light, spread = sums[..., :-1], squares[..., :-1]
     total = light.sum(axis=(1, 2)) / samples
     level = float(total.mean())
     if level <= 0:
-        return Pilot(np.zeros(len(cost)), cost, (), samples if same else 0, rays)
+        return Pilot(np.zeros(len(cost)), cost, (), samples if same else 0, look.rays)
     size = math.sqrt(max(float(np.mean(total**2)) - _noise(light, spread, samples), level**2))
     tail = np.array([_tail(light, spread, samples, b) for b in range(len(cost))])
     tail /= size + tail[-1]
     limits = upper_limit(light, spread, samples) / level
     unmet = unmet_limit(math.sqrt(float(look.squares[:, 0].max())), level, len(look.sums), samples)
-    left_out = tuple(_parts(limits, light.any(axis=0), unmet, rays))
-    return Pilot(tail, cost, left_out, samples if same else 0, rays)
+    left_out = tuple(_parts(limits, light.any(axis=0), unmet, paths))
+    return Pilot(tail, cost, left_out, samples if same else 0, look.rays)
 
 
 def _noise(light: Floats, spread: Floats, samples: int) -> float:

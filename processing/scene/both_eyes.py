@@ -25,6 +25,7 @@ from processing.radar.ranging import window_weights
 from processing.raytrace.backward import backward
 from processing.raytrace.bvh import build
 from processing.raytrace.picture import Picture
+from processing.raytrace.planner import TracePlan, trace_to
 from processing.raytrace.sources import RayleighSky, Source, Sun
 from processing.raytrace.view import View
 from processing.sar.backprojection import backproject
@@ -32,6 +33,7 @@ from processing.sar.grid import ImageGrid
 from processing.scattering.contributions import Beam
 from processing.scattering.history import Sweep
 from processing.scattering.shooting import Density
+from processing.scene.radar_planner import RadarPlan, plan_radar
 from processing.scene.radar_simulation import MECHANISMS, RadarLook, Simulated, simulate_radar, straight_track
 from processing.scene.solids import SolidScene
 
@@ -41,6 +43,8 @@ CHANNELS = ("HH", "HV", "VH", "VV")
 ANGLES_RAD = (0.0, math.pi / 4, math.pi / 2, 3 * math.pi / 4)
 """Of the polarizer, in the order of the exposures."""
 ANALYSERS = measurement_matrix(ANGLES_RAD)
+BOUNCES = 4
+"""Of light, where no tolerance chooses them."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +109,8 @@ class RadarPicture:
     noise: float
     """Expected span of noise alone, m^2."""
     simulated: Simulated
+    plan: RadarPlan | None = None
+    """How a tolerance chose; None where density was told."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +141,8 @@ class OpticalPicture:
     """As it was traced, without noise; of time 0."""
     exposures: Exposures | None = None
     """Where they were taken one after the other and something moved."""
+    plan: TracePlan | None = None
+    """How a tolerance chose rays and bounces; None where samples were told."""
 
 
 def radar_picture(
@@ -143,6 +151,7 @@ def radar_picture(
     how: Airborne | None = None,
     *,
     density: Density | None = None,
+    tolerance_db: float | None = None,
     points_per_m2: float = 20.0,
     seed: int = 0,
     move_m: float = 1.0,
@@ -157,6 +166,7 @@ def radar_picture(
         grid: the pixels.
         how: flight and radar; the thesis's by default.
         density: of rays.
+        tolerance_db: largest error, dB below the picture: chooses density and segments in place of those told.
         points_per_m2: scatterers of rough ground.
         seed: of rough ground and noise.
         move_m: see :class:`processing.scene.radar_simulation.RadarLook`.
@@ -174,6 +184,9 @@ def radar_picture(
         track, (0.0, 0.0, 0.0), sweep, density or Density(0.15, 2, 3), points_per_m2, beam=beam, seed=seed,
         time_s=air.time_s, move_m=move_m,
     )  # fmt: skip
+    plan = None if tolerance_db is None else plan_radar(scene, look, tolerance_db)
+    if plan is not None:
+        look = replace(look, density=plan.density, turn_rad=plan.turn_rad)
     simulated = simulate_radar(scene, look, progress=progress)
     focused = np.stack(
         [focus_standing(simulated.histories[name], grid, air) for name in MECHANISMS], dtype=np.complex128
@@ -185,7 +198,7 @@ def radar_picture(
     shape = (4, *grid.shape)
     thermal = random.standard_normal(shape) + 1j * random.standard_normal(shape)
     powers = np.sum(np.abs(focused) ** 2, axis=1)
-    return RadarPicture(focused.sum(axis=0) + math.sqrt(noise / 2) * thermal, powers, 3 * noise, simulated)
+    return RadarPicture(focused.sum(axis=0) + math.sqrt(noise / 2) * thermal, powers, 3 * noise, simulated, plan)
 
 
 def recorded_echoes(picture: RadarPicture, how: Airborne | None = None, *, seed: int = 0) -> PhaseHistory:
@@ -263,6 +276,7 @@ def optical_picture(
     how: Airborne | None = None,
     *,
     samples: int = 1000,
+    tolerance_db: float | None = None,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> OpticalPicture:
@@ -277,6 +291,7 @@ def optical_picture(
         lights: such as :func:`sunlight`.
         how: flight and camera; the thesis's by default.
         samples: rays for each of the camera's pixels.
+        tolerance_db: largest error of tracing, dB below the picture: chooses rays and bounces instead.
         seed: of rays and noise.
         progress: called with the fraction done.
 
@@ -294,6 +309,7 @@ def optical_picture(
     moving = air.exposure_interval_s > 0 and scene.speed_m_s > 0
     times = tuple(air.exposure_interval_s * k for k in range(4)) if moving else (0.0,)
     pictures: list[Picture] = []
+    bounces, plan = BOUNCES, None
     for number, instant in enumerate(times):
 
         def told(done: float, number: int = number) -> None:
@@ -302,7 +318,14 @@ def optical_picture(
 
         # The same rays each time: only what moved differs.
         seen = scene.at(instant).world(lights)
-        pictures.append(backward(seen, view, samples=samples, leave_out=False, seed=seed, progress=told))
+        if tolerance_db is not None and plan is None:
+            first, plan = trace_to(seen, view, tolerance_db, seed=seed, progress=told)
+            samples, bounces = first.samples, plan.bounces
+            pictures.append(first)
+            continue
+        pictures.append(
+            backward(seen, view, bounces=bounces, samples=samples, leave_out=False, seed=seed, progress=told)
+        )
     picture = pictures[0]
     # Full scale is a white surface (radiance 1 / pi) that faces the sun, half of it behind each polarizer.
     per_unit = 2 * air.electrons * air.frames * math.pi
@@ -333,6 +356,7 @@ def optical_picture(
         dolp_sd=np.where(lit, spread, np.nan),
         picture=picture,
         exposures=exposures,
+        plan=plan,
     )
 
 
