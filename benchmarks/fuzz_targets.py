@@ -298,7 +298,7 @@ def _files(folder: Path) -> Iterator[Target]:
     yield Target("WAV file", wav, (_wav(),), (PolfuseError,), 5)
     for name, model, paths in (
         ("rig file", Rig, [_EXAMPLES / "rig.toml", _EXAMPLES / "rig_by_hand.toml"]),
-        ("scene file", SceneFile, [_SCENES / "field.toml"]),
+        ("scene file", SceneFile, [_SCENES / "field.toml", _SCENES / "field_of_bodies.toml"]),
         ("scene file of bodies", SolidSceneFile, [_SCENES / "yard.toml"]),
     ):
         seeds = tuple(path.read_bytes() for path in paths)

@@ -6,14 +6,17 @@ look at from (0, -altitude tan(look), altitude).
 
 from __future__ import annotations
 
+import contextlib
 import math
+import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, PositiveFloat, field_validator, model_validator
 
 from polfuse_lab.errors import PolfuseError
-from polfuse_lab.rig import FileModel, read_model
+from polfuse_lab.rig import FileModel, parse_model
+from polfuse_lab.rig.toml_model import read_text
 from polfuse_lab.simulation.solid_parts import MeshPart, SolidPart, SubstancePart
 from processing.errors import DataError
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
@@ -299,6 +302,23 @@ class SolidSceneFile(BodyTables):
         return self.bodies(self.title or path.stem, path, self.radar.centre_hz)
 
 
+RIG = ("rail", "geometry", "waveform", "audio", "front_end", "sun", "rays", "point", "reflector", "bush", "surface")
+"""Tables that only the scene files of the simulated rig have."""
+
+
 def read_solid_scene(path: Path | str) -> SolidSceneFile:
-    """Read a scene file. Raises :class:`PolfuseError` (its mistakes with line, field, found and allowed)."""
-    return read_model(path, SolidSceneFile)
+    """Read a scene file.
+
+    Raises:
+        PolfuseError: a file that cannot be read, is not TOML, or is a scene of the rig.
+        FileMistake: entries are wrong, each with line, field, found and allowed.
+    """
+    text = read_text(path)
+    with contextlib.suppress(tomllib.TOMLDecodeError):
+        if found := [name for name in RIG if name in tomllib.loads(text)]:
+            raise PolfuseError(
+                f"is a scene before the rig's rail (it has [{found[0]}]), not one that is flown over",
+                where=str(path),
+                advice="give it to 'polfuse sim', or describe the flight ([flight], [radar], [light], [grid]) instead",
+            )
+    return parse_model(text, SolidSceneFile, path)

@@ -19,6 +19,7 @@ from polfuse_lab.products.focus import focus
 from polfuse_lab.products.optics import optics
 from polfuse_lab.products.store import Products
 from polfuse_lab.simulation.rig_scene import read_bodies
+from polfuse_lab.simulation.scene_file import read_solid_scene
 from processing.scene.model import FrontEnd, Reflector, Scene
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "scenes" / "field_of_bodies.toml"
@@ -207,6 +208,12 @@ def test_mistakes_in_files_of_bodies_are_named(tmp_path: Path, text: str, words:
         seen(path)
     for word in [str(path), *words]:
         assert word in str(caught.value)
+
+
+def test_a_scene_of_the_rig_is_not_flown_over(tmp_path: Path) -> None:
+    for text in (HEAD + BODY, POINT):
+        with pytest.raises(PolfuseError, match=r"before the rig's rail.*polfuse sim'"):
+            read_solid_scene(written(tmp_path / "scene.toml", text))
 
 
 def test_bodies_must_be_handed_over_and_be_of_the_file(tmp_path: Path) -> None:
