@@ -17,13 +17,18 @@ import sys
 import tempfile
 from typing import Any
 
+import numpy as np
+
 from benchmarks.memory_watch import Sample, resident_bytes, trend
 from benchmarks.rows import Row
 
 USUAL, QUICK = 100_000, 1_000
 GROWTH_BYTES = 50.0
 """Most memory that one repaint may leave behind, on average over the second half: 5 MB in 100,000."""
-SETTLING = 0.5
+SAMPLE_EVERY = 20
+"""Repaints from one look at the memory to the next."""
+MIDDLE, END = (0.5, 0.6), (0.9, 1.0)
+"""Parts of the run whose median sizes are compared: a single look may come amid a picture that is being made."""
 HOURS, POSITIONS = 8.0, 61
 QUICK_HOURS, QUICK_POSITIONS = 0.2, 4
 LIVE_GROWTH_BYTES = 16e6
@@ -47,12 +52,14 @@ def soak(repaints: int) -> Row:
     found = _child(command, 120 + 0.5 * repaints)
     if isinstance(found, str):
         return Row(f"reliability.gui: repaints on Python {python}", "", None, False, "no crash", error=found)
-    growth = (found["end_bytes"] - found["middle_bytes"]) / (repaints * (1 - SETTLING))
+    sizes = np.array(found["bytes"], dtype=np.float64)
+    middle, end = (float(np.median(sizes[int(a * len(sizes)) : int(b * len(sizes))])) for a, b in (MIDDLE, END))
+    growth = (end - middle) / (repaints * (END[0] - MIDDLE[0]))
     # A few pages more or less are no leak; over many repaints they are nothing.
     allowed = max(GROWTH_BYTES, 4e6 / repaints)
     return Row(
         f"reliability.gui: {found['painted']} repaints on Python {python}, PySide {found['pyside']}, "
-        f"{growth:+.0f} bytes each in the second half",
+        f"{growth:+.0f} bytes each in the second half, {sizes.max() / 1e6:.0f} MB at most",
         f"{allowed:.0f} bytes a repaint",
         growth / allowed,
         found["painted"] >= repaints and growth <= allowed,
@@ -110,7 +117,6 @@ def work(repaints: int) -> None:
     """Repaint, and tell how memory went."""
     import itertools
 
-    import numpy as np
     import PySide6
 
     from gui.app import make_application
@@ -127,12 +133,13 @@ def work(repaints: int) -> None:
     level, x, y = demo_image(81)
     colours = np.zeros((81, 81, 3), np.uint8)
     profiles = [demo_profile(seed) for seed in range(1, 9)]
-    painted = middle = 0
+    painted = 0
+    sizes: list[int] = []
     for number in itertools.count():
         if painted >= repaints:
             break
-        if painted >= SETTLING * repaints and not middle:
-            middle = resident_bytes(os.getpid()) or 0
+        if painted % SAMPLE_EVERY == 0:
+            sizes.append(resident_bytes(os.getpid()) or 0)
         if number % 50 == 0:
             window.show_page(window.names[number // 50 % len(window.names)] if number % 100 else "live")
             page.tabs.setCurrentIndex(number // 100 % page.tabs.count())
@@ -149,9 +156,8 @@ def work(repaints: int) -> None:
         window.repaint()
         application.processEvents()
         painted += 1
-    end = resident_bytes(os.getpid()) or 0
     window.close()
-    print(json.dumps({"painted": painted, "middle_bytes": middle, "end_bytes": end, "pyside": PySide6.__version__}))
+    print(json.dumps({"painted": painted, "bytes": sizes, "pyside": PySide6.__version__}))
 
 
 def main() -> int:
