@@ -115,7 +115,7 @@ seed = 3
 [geometry]
 antenna_height_m = {HEIGHT_M}
 [rail]
-length_m = 0.5
+length_m = 0.4
 speed_m_s = 1.0
 [front_end]
 amplitude_at_1m = 1.0
@@ -140,7 +140,7 @@ specular = 0.95
 diffuse = 0.02
 """
 PLAN = """\
-aperture_m = 0.4064
+aperture_m = 0.3048
 step_m = 0.0508
 channels = ["HH"]
 sweeps_per_channel = 2
@@ -171,7 +171,7 @@ def test_a_collect_over_wires_finds_bodies_with_both_eyes(tmp_path: Path) -> Non
     near = (np.abs(found["x_m"]) < 4)[None] & (np.abs(found["y_m"] - 8.6) < 2)[:, None]
     row, column = np.unravel_index(np.argmax(np.where(near, np.abs(found["image"][0]), 0)), near.shape)
     # Half a cell: lambda R / 2 L along the rail, c / 2 B on the ground.
-    assert found["x_m"][column] == pytest.approx(0.8, abs=0.125 * 8.6 / (2 * 0.457) / 2)
+    assert found["x_m"][column] == pytest.approx(0.8, abs=0.125 * 8.6 / (2 * 0.356) / 2)
     assert found["y_m"][row] == pytest.approx(8.6, abs=1.874 / 2)
     optics(tmp_path / "s.h5", tmp_path / "p.h5")
     seen = Products(tmp_path / "p.h5").read("optics")
