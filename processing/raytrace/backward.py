@@ -141,7 +141,7 @@ class Run:
         self.wanted[0, lamps] = False
         pixels = len(pilot.sums)
         limit = upper_limit(shares[0, ..., :-1], shares[1, ..., :-1], PILOT_SAMPLES) / level
-        met = shares[0, ..., :-1].any(axis=0)
+        met = np.asarray(shares[0, ..., :-1].any(axis=0))
         unmet = unmet_limit(math.sqrt(float(pilot.squares[:, 0].max())), level, pixels, PILOT_SAMPLES)
         left_out: list[LeftOut] = []
         total = 0.0

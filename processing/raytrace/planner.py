@@ -35,7 +35,7 @@ PILOT_PIXELS = 4096
 """Larger pictures are first looked at with pixels of their own, this many at most."""
 MOST_BOUNCES = 40
 """That the first look follows; what lies beyond is extrapolated."""
-SAFETY_DB = 1.0
+SAFETY_DB = 0.7
 """How far below the tolerance the expected error must be."""
 
 
