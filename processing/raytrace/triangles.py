@@ -48,7 +48,8 @@ class Triangles:
             raise DataError(f"{material.size} materials are given for {len(faces)} triangles", "give one for each")
         object.__setattr__(self, "vertices_m", vertices)
         object.__setattr__(self, "faces", faces)
-        object.__setattr__(self, "material", np.ascontiguousarray(np.broadcast_to(material, (len(faces),))))
+        # A copy always: read-only arrays are another type to the compiler, and everything would be compiled twice.
+        object.__setattr__(self, "material", np.array(np.broadcast_to(material, (len(faces),))))
 
     def __len__(self) -> int:
         return len(self.faces)
