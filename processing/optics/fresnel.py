@@ -20,6 +20,8 @@ Complexes = NDArray[np.complex128]
 
 TINY = 1e-150
 """A cosine whose square cannot be told from nothing counts as grazing."""
+NO_FILM = 1e-290
+"""A film that is thinner, in wavelengths, is none."""
 
 
 def amplitudes(index: ArrayLike, cosine: ArrayLike) -> tuple[Complexes, Complexes]:
@@ -72,9 +74,11 @@ def film_amplitudes(
     ss, pp = ((np.nan_to_num(a) + np.nan_to_num(b) * turn) for a, b in zip(top, bottom, strict=True))
     for_s, for_p = (1 + np.nan_to_num(a) * np.nan_to_num(b) * turn for a, b in zip(top, bottom, strict=True))
     bare = amplitudes(n, c)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # Airy's sum is 0 / 0 where a film without thickness lies on nothing at grazing incidence.
-        found_s, found_p = (np.where(thickness == 0, a, b) for a, b in zip(bare, (ss / for_s, pp / for_p), strict=True))
+    # Airy's sum is 0 / 0 where a film without thickness lies on nothing at grazing incidence, and next to it denormal
+    # numbers stand over denormal ones.
+    none = thickness < NO_FILM
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        found_s, found_p = (np.where(none, a, b) for a, b in zip(bare, (ss / for_s, pp / for_p), strict=True))
     return found_s, found_p
 
 
@@ -149,7 +153,7 @@ def amplitudes_kernel(n: complex, cosine: float, film: complex, thickness: float
     re, im = _root((n2.real - 1.0) + cosine2, n2.imag)
     medium = complex(re, im)
     outside = complex(cosine, 0.0)
-    if thickness == 0.0:
+    if thickness < NO_FILM:
         return _ratio(outside, medium), _ratio(n2 * outside, medium)
     f2 = complex(film.real * film.real - film.imag * film.imag, 2.0 * film.real * film.imag)
     re, im = _root((f2.real - 1.0) + cosine2, f2.imag)

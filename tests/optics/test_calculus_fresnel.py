@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from processing.errors import DataError
@@ -59,6 +59,8 @@ def test_no_surface_returns_more_than_it_gets(n: complex, cosine: float) -> None
 
 
 @settings(deadline=None)
+@example(1 + 0j, 0.0, (1.0, 1.0), 2.2250738585e-313)  # denormal numbers over denormal ones
+@example(1 + 0j, 0.0, (1.0, 1.0), 1e-289)
 @given(INDICES, COSINES, st.tuples(st.floats(1.0, 4.0), st.floats(0.0, 3.0)), st.floats(0.0, 3.0))
 def test_scalars_are_the_arrays(n: complex, cosine: float, film: tuple[float, float], thickness: float) -> None:
     expected = fresnel.film_amplitudes(n, cosine, complex(*film), thickness)
