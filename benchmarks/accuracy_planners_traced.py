@@ -17,7 +17,7 @@ from processing.raytrace.backward import Run
 from processing.raytrace.planner import MOST_BOUNCES, trace_to
 from processing.sar.backprojection import backproject
 from processing.scattering.shooting import Density
-from processing.scene.radar_planner import plan_radar
+from processing.scene.radar_planner import ghostless_cell_m, plan_radar
 from processing.scene.radar_simulation import RadarLook, simulate_radar
 
 SCENES, QUICK = 200, 8
@@ -82,7 +82,8 @@ def carry_out_radar(seed: int) -> Outcome:
     yard = random_yard(seed)
     plan = plan_radar(yard.scene, yard.look, tolerance)
     cells = [one.density for one in plan.considered]
-    finest, cell = min(d.cell_m / 2**d.levels for d in cells), 0.83 * min(d.cell_m for d in cells)
+    finest = min(d.cell_m / 2**d.levels for d in cells)
+    cell = min(0.83 * min(d.cell_m for d in cells), 0.83 * ghostless_cell_m(yard.look))
     dense = Density(cell, max(math.ceil(math.log2(cell / finest * 2)), 0), 7)
     segments = min(2 * plan.segments + 1, len(yard.look.track_m))
     truth = _picture(yard, replace(yard.look, density=dense, turn_rad=plan.turn_rad * plan.segments / segments))

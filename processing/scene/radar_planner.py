@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import DataError
+from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 from processing.scattering.contributions import Contributions, together
 from processing.scattering.history import phase_history
 from processing.scattering.rough import rough_points
@@ -189,12 +190,11 @@ class _Pilot:
         """Make the truth: refine until it changes by less; returns by how much it would still change."""
         before: Echoes | None = None
         changes: list[float] = []
-        # Patterns are those of the centre frequency: off it cells at Bragg's angle return something, and those of less
-        # than half a wavelength are never at it. Edges in longer steps than a part of a wavelength return anything.
+        # Edges in longer steps than a part of a wavelength return anything.
         wavelength = self.look.sweep.wavelength_m
         sides = np.sort(np.ptp(self.target.corners_m.reshape(-1, 3), axis=0))
         room = math.sqrt(float(sides[1] * sides[2]) / MOST_CELLS)
-        cell = max(min(self.first_cell_m, 0.45 * wavelength), room)
+        cell = max(min(self.first_cell_m, ghostless_cell_m(self.look)), room)
         levels = max(math.ceil(math.log2(8 * cell / wavelength)), 1)
         for step in range(MOST_REFINEMENTS):
             self.densest = Density(cell * 0.84**step, min(levels + step, MOST_LEVELS), self.bounces)
@@ -290,6 +290,19 @@ class _Pilot:
         # The cross-polarized element is in two channels.
         weights = np.array([1.0, math.sqrt(2), 1.0])[:, None] * self.window
         return np.asarray(history.echoes[[0, 1, 3]].transpose(1, 0, 2) * weights, dtype=np.complex64)
+
+
+def ghostless_cell_m(look: RadarLook) -> float:
+    """Cells that return nothing by Bragg's law off level ground, m.
+
+    Patterns are those of the centre frequency: off it cells in step with the wave, 2 d cos g = wavelength at the
+    grazing angle g, return something where the ground between its edges returns nothing. On the ground d is the cell
+    over sin g.
+    """
+    shortest = SPEED_OF_LIGHT_M_S / (look.sweep.centre_hz + look.sweep.bandwidth_hz / 2)
+    way = look.track_m[len(look.track_m) // 2] - np.asarray(look.reference_m, dtype=np.float64)
+    steep = abs(float(way[2])) / max(math.hypot(float(way[0]), float(way[1])), 1e-9)
+    return 0.45 * shortest * min(max(steep, 0.05), 1.0)
 
 
 def _first_cell_m(scene: SolidScene) -> float:
