@@ -187,9 +187,11 @@ def _form(
             factor = undone / COLUMN_KERNEL.response(inside)
         phase = math.pi / 4 + plan.along_step * (index - middle) * x[0]
         fine = np.empty((some.stop - begin, length), dtype=np.complex64)
+        # A part of all rows would be another type to the compiler than all of them.
+        edge = np.ascontiguousarray(limits[:, some])
         read_rows(
             lines.view(np.float32), first[some], weights[some].astype(np.float32), offset[some], plan.slant[some],
-            size[some], plan.across_middle, phase, second, factor.astype(np.float32), limits[:, some],
+            size[some], plan.across_middle, phase, second, factor.astype(np.float32), edge,
             mapping.along[0], plan.along_step, middle, fine.view(np.float32),
         )  # fmt: skip
         wide = scipy.fft.ifft(fine, axis=1, norm="forward", overwrite_x=True, workers=get_num_threads())

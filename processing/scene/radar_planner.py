@@ -74,7 +74,8 @@ class RadarPlan:
     segments_db: float
     """What rays from a segment's middle leave at its other pulses."""
     truth_db: float
-    """What is not known of the truth: by how much the densest rays would still change."""
+    """What is not known of the truth: by how much the densest rays would still change, and what bounces beyond
+    :data:`MOST_BOUNCES` would add, of which the last two tell."""
     considered: tuple[Considered, ...]
     """All that was tried, cheapest first."""
 
@@ -92,7 +93,7 @@ class RadarPlan:
             f"times: expected error {self.predicted_error_db:.1f} dB, tolerance {self.tolerance_db:g} dB"
             + ("" if self.reached else ", which is not reached"),
             f"further bounces {self.bounces_db:.1f} dB, rays (edges, bent wavefronts) {self.rays_db:.1f} dB, segments "
-            f"{self.segments_db:.1f} dB; the densest rays would still change by {self.truth_db:.1f} dB",
+            f"{self.segments_db:.1f} dB; denser rays and still more bounces would change it by {self.truth_db:.1f} dB",
         ]
         cheaper = [one for one in self.considered if one.seconds < chosen.seconds]
         dearer = [one for one in self.considered if one.seconds > chosen.seconds]
@@ -121,7 +122,7 @@ def plan_radar(scene: SolidScene, look: RadarLook, tolerance_db: float) -> Radar
         raise DataError(f"a tolerance of {tolerance_db:g} dB is no error below the picture", "give a negative number")
     pilot = _Pilot(scene, look)
     allowed = 10 ** ((tolerance_db - SAFETY_DB) / 20)
-    unknown = pilot.refine(TRUTH_SHARE * allowed)
+    unknown = math.hypot(pilot.refine(TRUTH_SHARE * allowed), pilot.tail())
     segments, turning = 1, math.inf
     while True:
         turning = pilot.error(pilot.densest, segments)[-1]
@@ -236,6 +237,12 @@ class _Pilot:
     def beyond(self, bounces: int) -> float:
         """Echoes of more bounces than these."""
         return float(np.linalg.norm(self.truth[:, bounces:].sum(axis=1))) / self.size
+
+    def tail(self) -> float:
+        """Echoes of more bounces than are followed, if they go on as the last two do."""
+        before, last = (float(np.linalg.norm(self.truth[:, n])) for n in (-2, -1))
+        ratio = min(max(last / before if before > 0 else 1.0, SMALLEST_RATIO), 0.7)
+        return last * ratio / (1 - ratio) / self.size
 
     def seconds(self, density: Density, segments: int) -> list[float]:
         """Core time of the whole simulation for each number of bounces."""
