@@ -21,7 +21,7 @@ from processing.scene.radar_planner import ghostless_cell_m, plan_radar
 from processing.scene.radar_simulation import RadarLook, simulate_radar
 
 SCENES, QUICK = 200, 8
-YARDS, QUICK_YARDS = 24, 3
+YARDS, QUICK_YARDS = 116, 3
 """A radar's plan, reference and rival take some seconds each."""
 FACTOR_DB = 6.02
 """A factor of two."""
