@@ -35,7 +35,8 @@ _AUDIO_GUARD_S = 0.1
 _FRAME_S = 0.05
 _TURN_S = 0.6
 _AUTO_FRAMES = 8
-_FILE_BYTES = 500_000
+FILE_BYTES = 500_000
+"""Of a file's own tables, at most."""
 _ROW_BYTES = 400
 _STEP_BYTES = 120
 """A step in the file's own list of steps."""
@@ -139,7 +140,7 @@ def frame_pace_s(rig: Rig) -> float:
 def file_bytes(rig: Rig, listed: Iterable[Step]) -> int:
     """Upper bound of the session file's size (as if nothing could be compressed), bytes."""
     item = item_bytes(rig)
-    total = _FILE_BYTES
+    total = FILE_BYTES
     for step in listed:
         total += 2 * item * audio_frames(rig, step) + _STEP_BYTES
         if isinstance(step, Expose) and rig.camera is not None:
