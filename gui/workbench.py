@@ -95,7 +95,7 @@ class Workbench(QObject):
                 client.seek(step)
             return client
 
-        background.run(play, self.engine.adopt, self.engine.not_started)
+        background.run(self, play, self.engine.adopt, self.engine.not_started)
         self.page_wanted.emit("live")
 
     def set_replay_speed(self, speed: float) -> None:

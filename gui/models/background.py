@@ -6,6 +6,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
+import shiboken6
 from PySide6.QtCore import QObject, QRunnable, Qt, QThreadPool, Signal
 
 from drivers.errors import DeviceError
@@ -48,18 +49,23 @@ _running: set[Task] = set()
 
 
 def run(
+    asker: QObject,
     work: Callable[[], Any],
     done: Callable[[Any], None],
     failed: Callable[[str, str], None],
 ) -> Task:
-    """Do ``work`` in a thread of the pool; ``done`` or ``failed`` is called in the thread of the window."""
+    """Do ``work`` in a thread of the pool; ``done`` or ``failed`` is called in the thread of the window.
+
+    Neither is called where ``asker`` has been destroyed meanwhile: what they would show it on has gone with it.
+    """
     task = Task()
     _running.add(task)
 
     def finish(then: Callable[..., None], *values: object) -> None:
         _running.discard(task)
         task.deleteLater()  # its connections hold whoever asked, where Python does not look for garbage
-        then(*values)
+        if shiboken6.isValid(asker):
+            then(*values)
 
     connection = Qt.ConnectionType.QueuedConnection
     task.done.connect(lambda found: finish(done, found), connection)

@@ -43,7 +43,7 @@ class BenchLink(QObject):
         if self.busy:
             return
         self._starting = True
-        background.run(lambda: BenchClient.start(rig), self._started, self._not_started)
+        background.run(self, lambda: BenchClient.start(rig), self._started, self._not_started)
 
     def ask(self, what: str, *values: object, **named: object) -> None:
         """Ask for something by the name of the client's method: ``jog``, ``select``, ``turn`` …"""
@@ -67,14 +67,14 @@ class BenchLink(QObject):
         self._timer.stop()
         self.left.emit()
         if client is not None:
-            background.run(lambda: client.hand_over(plan, output), done, failed)
+            background.run(self, lambda: client.hand_over(plan, output), done, failed)
 
     def close(self) -> None:
         """Make the devices safe and let go of them."""
         self._timer.stop()
         client, self.client = self.client, None
         if client is not None:
-            background.run(client.close, lambda _: None, self.failed.emit)
+            background.run(self, client.close, lambda _: None, self.failed.emit)
             self.left.emit()
 
     def _started(self, client: BenchClient) -> None:

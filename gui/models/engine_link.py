@@ -107,7 +107,7 @@ class EngineLink(QObject):
             self.failed.emit(self.tr("a collect runs already: wait for its end, or abort it"), "")
             return
         self.starting = True
-        background.run(make, self.adopt, self.not_started)
+        background.run(self, make, self.adopt, self.not_started)
 
     def not_started(self, sentence: str, details: str) -> None:
         """It could not be started."""

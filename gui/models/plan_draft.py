@@ -72,4 +72,4 @@ class PlanDraft(QObject):
                 self.verdict = verdict
                 self.judged.emit(verdict)
 
-        background.run(judge, done, lambda sentence, _: done(Verdict(text, None, None, (sentence,))))
+        background.run(self, judge, done, lambda sentence, _: done(Verdict(text, None, None, (sentence,))))

@@ -108,4 +108,4 @@ class RegionList(QObject):
             if number == self._asked:
                 self.failed.emit(sentence)
 
-        background.run(lambda: region_report(products, regions), done, failed)
+        background.run(self, lambda: region_report(products, regions), done, failed)

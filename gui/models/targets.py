@@ -132,7 +132,7 @@ class TargetList(QObject):
             found(Looked(stated, error=sentence))
             self.failed.emit(sentence, details)
 
-        background.run(look, lambda view: found(Looked(stated, view)), failed)
+        background.run(self, look, lambda view: found(Looked(stated, view)), failed)
 
     def remove(self, index: int) -> None:
         """Take a target away."""

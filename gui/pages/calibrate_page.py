@@ -80,7 +80,7 @@ class CalibratePage(QWidget):
             first = next((name for name, _ in picture_names(products) if name.startswith("focus.")), None)
             return None if first is None else load_picture(products, first)
 
-        background.run(load, self._picture, self._bench.error.emit)
+        background.run(self, load, self._picture, self._bench.error.emit)
 
     def _target_part(self) -> QWidget:
         self.role = QComboBox()

@@ -146,7 +146,7 @@ class CollectPage(QWidget):
             settings.save()
             return settings.warning
 
-        background.run(keep, lambda warning: self._bench.error.emit(warning, "") if warning else None,
+        background.run(self, keep, lambda warning: self._bench.error.emit(warning, "") if warning else None,
                        self._bench.error.emit)  # fmt: skip
 
     def _choose_kind(self) -> None:

@@ -98,7 +98,7 @@ class ComparePage(QWidget):
 
     def open(self, number: int, path: Path) -> None:
         """Put a session or products on one side (0: left, 1: right)."""
-        background.run(lambda: side_of(path), partial(self._looked, number), self._bench.error.emit)
+        background.run(self, lambda: side_of(path), partial(self._looked, number), self._bench.error.emit)
 
     def choose(self, number: int, name: str) -> None:
         """Choose a picture of one side by its name; the other side keeps its own."""
@@ -159,7 +159,9 @@ class ComparePage(QWidget):
         if side is None or side.products is None or name is None:
             return
         path = side.products
-        background.run(lambda: load_picture(Products(path), name), partial(self._show, number), self._bench.error.emit)
+        background.run(
+            self, lambda: load_picture(Products(path), name), partial(self._show, number), self._bench.error.emit
+        )
 
     def _show(self, number: int, picture: Picture) -> None:
         view = view_of(picture)

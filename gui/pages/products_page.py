@@ -131,7 +131,7 @@ class ProductsPage(QWidget):
             products = Products(path)
             return picture_names(products) + space_names(products)
 
-        background.run(names, self._listed, self._bench.error.emit)
+        background.run(self, names, self._listed, self._bench.error.emit)
 
     def choose(self, *names: str) -> None:
         """Choose one or two pictures by their names."""
@@ -208,7 +208,7 @@ class ProductsPage(QWidget):
             places = load_places(products) if True in planes and len(names) > 1 else None
             return Loaded(names, shown, places, _lines(products.settings(names[0].partition(".")[0])))
 
-        background.run(load, self._show, self._bench.error.emit)
+        background.run(self, load, self._show, self._bench.error.emit)
 
     def _show(self, found: Loaded) -> None:
         if found.names != self._wanted:

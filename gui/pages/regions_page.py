@@ -111,7 +111,7 @@ class RegionsPage(QWidget):
         """Draw on the pictures of a products file."""
         show_place(self.where, path)
         self.regions.look_at(path)
-        background.run(lambda: picture_names(Products(path)), self._listed, self._bench.error.emit)
+        background.run(self, lambda: picture_names(Products(path)), self._listed, self._bench.error.emit)
 
     def _again(self) -> None:
         """There may be a fused picture now."""
@@ -139,7 +139,7 @@ class RegionsPage(QWidget):
     def _load(self) -> None:
         path, name = self._bench.products, self.background.currentData()
         if path is not None and name is not None:
-            background.run(lambda: load_picture(Products(path), name), self._picture, self._bench.error.emit)
+            background.run(self, lambda: load_picture(Products(path), name), self._picture, self._bench.error.emit)
 
     def _picture(self, picture: Picture) -> None:
         self.view.quantity = Quantity(picture.title, picture.unit)

@@ -99,7 +99,7 @@ class SessionPage(QWidget):
         """Show a session."""
         show_place(self.where, path)
         self._enable(False)
-        background.run(lambda: info(path), self._described, self._bench.error.emit)
+        background.run(self, lambda: info(path), self._described, self._bench.error.emit)
 
     @property
     def products(self) -> Path:
@@ -168,7 +168,10 @@ class SessionPage(QWidget):
                 self.why.setText("\n".join(f"\N{BULLET} {words}" for words in others))
 
         background.run(
-            lambda: predict_focus(session, tolerance_db), done, lambda sentence, _: self.prediction.setText(sentence)
+            self,
+            lambda: predict_focus(session, tolerance_db),
+            done,
+            lambda sentence, _: self.prediction.setText(sentence),
         )
 
     def _tell_why(self) -> None:

@@ -72,7 +72,7 @@ class StartPage(QWidget):
         """Look again for recent files and running collects."""
         _fill(self.rigs, remembered.recent_rigs(), self.tr("none yet: open one, or try the simulated rig"))
         _fill(self.sessions, remembered.recent_sessions(), self.tr("none yet: collect one"))
-        background.run(engines, self._show_running, lambda *_: None)
+        background.run(self, engines, self._show_running, lambda *_: None)
 
     def try_simulated(self) -> None:
         """Start the simulated rig and go to its set-up."""
@@ -166,7 +166,9 @@ class StartPage(QWidget):
         folder = QFileDialog.getExistingDirectory(self, self.tr("Where to write the example files"))
         if not folder:
             return
-        background.run(lambda: write_examples(folder), lambda made: self._use_rig(made["rig"]), self._bench.error.emit)
+        background.run(
+            self, lambda: write_examples(folder), lambda made: self._use_rig(made["rig"]), self._bench.error.emit
+        )
 
 
 def _fill(view: QListWidget, found: list[remembered.Recent], nothing: str) -> None:

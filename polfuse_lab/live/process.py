@@ -36,6 +36,8 @@ AUDIO_WAITING = 32
 FRAMES_BEHIND = 2
 """With so many waiting behind it, a frame that is followed by another like it is skipped: the newest is to be seen."""
 HEALTH_EVERY_S = 1.0
+SWITCH_S = 0.001
+"""Longest that one thread has the interpreter while another waits for it: who takes messages in is not kept waiting."""
 
 Item = TypeVar("Item")
 
@@ -276,6 +278,8 @@ def _alike(one: Exposure, other: Exposure) -> bool:
 
 def main() -> None:
     """Read messages from standard input until it ends: with the engine, or when it has enough."""
+    wire.widen_pipe(0)
+    sys.setswitchinterval(SWITCH_S)
     read = sys.stdin.buffer.read
     first = wire.read_message(read)
     if first is None:

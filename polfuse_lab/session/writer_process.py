@@ -27,7 +27,7 @@ def main() -> None:
     """Serve one session, then end the process without running HDF5's exit handlers (they may crash on a full disk)."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    _widen_pipe(0)
+    wire.widen_pipe(0)
     answers = os.fdopen(os.dup(1), "wb", buffering=0)
     # Whatever a library prints must not get between the answers.
     os.dup2(2, 1)
@@ -83,15 +83,6 @@ def serve(answer: Any) -> None:
             with contextlib.suppress(PolfuseError):
                 writer.close("failed", f"the writer failed ({error})")
         raise
-
-
-def _widen_pipe(handle: int) -> None:
-    """A frame crosses a pipe of 1 MB at once, where the system lets it be so wide; the usual 64 kB take 14 turns."""
-    if sys.platform.startswith("linux"):
-        import fcntl
-
-        with contextlib.suppress(OSError):
-            fcntl.fcntl(handle, fcntl.F_SETPIPE_SZ, 1 << 20)
 
 
 def _ahead(read: Callable[[int], bytes]) -> Iterator[wire.Message]:

@@ -6,7 +6,8 @@ import threading
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPointF, Qt
+import shiboken6
+from PySide6.QtCore import QObject, QPointF, Qt
 from PySide6.QtGui import QGuiApplication, QImage
 from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 
@@ -262,7 +263,7 @@ def test_work_is_done_beside_the_window_and_its_outcome_comes_back_into_it(qtbot
         threads.append(threading.current_thread())
         found.append(value)
 
-    background.run(work, done, lambda *_: None)
+    background.run(qapp, work, done, lambda *_: None)
     qtbot.waitUntil(lambda: bool(found))
     assert found == [42]
     assert threads[0] is not threading.main_thread()
@@ -276,16 +277,34 @@ def test_work_is_done_beside_the_window_and_its_outcome_comes_back_into_it(qtbot
         (KeyError("x"), "KeyError: 'x'; this is a defect of the program: report it"),
     ],
 )
-def test_a_failure_comes_back_as_one_sentence(qtbot, error: Exception, sentence: str) -> None:
+def test_a_failure_comes_back_as_one_sentence(qtbot, qapp: QApplication, error: Exception, sentence: str) -> None:
     told: list[tuple[str, str]] = []
 
     def work() -> None:
         raise error
 
-    background.run(work, lambda _: None, lambda *words: told.append(words))
+    background.run(qapp, work, lambda _: None, lambda *words: told.append(words))
     qtbot.waitUntil(lambda: bool(told))
     assert told[0][0] == sentence
     assert "Traceback" in told[0][1]
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_work_for_a_page_that_has_gone_tells_nobody(qtbot, fails: bool) -> None:
+    asker, gone = QObject(), threading.Event()
+    told: list[object] = []
+
+    def work() -> int:
+        gone.wait(10)
+        if fails:
+            raise PolfuseError("is not there", where="rig.toml", advice="look for it")
+        return 42
+
+    task = background.run(asker, work, told.append, lambda *words: told.append(words))
+    shiboken6.delete(asker)
+    with qtbot.waitSignal(task.destroyed, timeout=10_000):
+        gone.set()
+    assert told == []
 
 
 def test_numbers_as_people_read_them() -> None:
