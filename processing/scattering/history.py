@@ -1,8 +1,10 @@
 """Quad-polarized phase history of contributions along a track.
 
 Every echo is spread over a few samples of delay and all frequencies come from one transform (Kaiser-Bessel gridding,
-:mod:`processing.sar.gridding`), so that the cost does not grow with their number. A footprint's pattern is that of the
-centre frequency, its size grows with the frequency.
+:mod:`processing.sar.gridding`), so that the cost does not grow with their number. A footprint's pattern at any
+frequency is interpolated from that at a few of them (Chebyshev's nodes), as many as its size requires. So neighbours
+cancel at all frequencies as they do in truth: with the pattern of one frequency, cells in step with the wave would
+return ghosts off it.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from processing.radar.phase_history import PhaseHistory
 from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 from processing.sar.gridding import Kernel
 from processing.scattering.contributions import ISOTROPIC, Beam, Contributions, leg, sine_over
+from processing.scattering.patterns import chebyshev_nodes, lagrange
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -29,6 +32,12 @@ CHANNELS = ("HH", "HV", "VH", "VV")
 KERNEL = Kernel(6, 1.5)
 STEPS = 1024
 """Intervals of the kernel's table between two samples, within which it is taken as linear."""
+PATTERN_ERROR = 1e-3
+"""Of a footprint's pattern between the frequencies that it is worked out at, relative to its side lobes there."""
+MOST_NODES = 32
+"""Such frequencies, at most: enough for footprints that reach over a dozen range cells."""
+SPREAD_BYTES = 128_000_000
+"""Memory of the samples of delay of as many pulses as are worked on at once."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +71,11 @@ class Sweep:
     def frequencies_hz(self) -> Floats:
         """(count,) from the lowest on."""
         return np.asarray(self.centre_hz + (np.arange(self.count) - self.count // 2) * self.step_hz, dtype=np.float64)
+
+    def nodes(self, count: int) -> Floats:
+        """(count,) zeros of Chebyshev's polynomial over the band, over the centre; the centre itself for 0."""
+        half = self.bandwidth_hz / (2 * self.centre_hz)
+        return chebyshev_nodes(max(count, 1), half)
 
 
 def phase_history(
@@ -114,22 +128,42 @@ def phase_history(
         part, since = seen(track[middle]), time[pulses] - time[middle]
         _check_depth(part, track[pulses], reference[pulses], since, sweep)
         total = np.zeros((3, len(pulses), sweep.count), dtype=np.complex128)
-        for grows in (True, False):
-            chosen = part.chosen(part.footprints == grows)
-            if not len(chosen):
-                continue
-            spread = np.zeros((len(pulses), 3, length), dtype=np.complex128)
-            spread_echoes(
-                chosen.places_m, chosen.motions(), chosen.amplitudes, grows, track[pulses], since, reference[pulses], k,
-                sweep.step_hz / SPEED_OF_LIGHT_M_S * length, row, weights, spread,
-            )  # fmt: skip
-            spectrum = scipy.fft.fft(spread, axis=2)[:, :, order % length] * undone
-            total += (spectrum * frequencies if grows else spectrum).transpose(1, 0, 2)
+        needed = np.where(part.footprints, pattern_nodes(part, track[middle], sweep), 0)
+        for count in np.unique(needed):
+            chosen, nodes = part.chosen(needed == count), sweep.nodes(count)
+            grown = (frequencies * lagrange(nodes, frequencies))[:, None] if count else 1.0
+            parts = math.ceil(len(pulses) * 48 * length * len(nodes) / SPREAD_BYTES)
+            for some in np.array_split(np.arange(len(pulses)), parts):
+                spread = np.zeros((len(some), len(nodes), 3, length), dtype=np.complex128)
+                spread_echoes(
+                    chosen.places_m, chosen.motions(), chosen.amplitudes, count > 0, track[pulses[some]], since[some],
+                    reference[pulses[some]], k, k * nodes, sweep.step_hz / SPEED_OF_LIGHT_M_S * length, row, weights,
+                    spread,
+                )  # fmt: skip
+                spectrum = scipy.fft.fft(spread, axis=3)[..., order % length] * (undone * grown)
+                total[:, some] += spectrum.sum(axis=1).transpose(1, 0, 2)
         for channel, which in enumerate((0, 1, 1, 2)):
             echoes[channel, pulses] = total[which]
         if progress:
             progress((number + 1) / segments)
     return PhaseHistory(echoes, float(sweep.frequencies_hz[0]), sweep.step_hz, track, reference, CHANNELS)
+
+
+def pattern_nodes(part: Contributions, antenna_m: Floats, sweep: Sweep) -> NDArray[np.int64]:
+    """(N,) frequencies that each footprint's pattern must be known at, 1 to :data:`MOST_NODES`.
+
+    Over the band the pattern is the product of two sines over what does not change much; their arguments change by x
+    together, half the band's wavenumbers times half of what the path grows by over both edges. The n-th derivative of
+    the sines is at most ``x^n``, so that a polynomial through n zeros of Chebyshev's errs by ``2 (x / 2)^n / n!``.
+    """
+    out, back = part.places_m[:, 3] - antenna_m, part.places_m[:, 0] - antenna_m
+    out, back = (way / np.linalg.norm(way, axis=1, keepdims=True) for way in (out, back))
+    grown = sum(
+        np.abs(np.sum(out * part.places_m[:, 3 + edge] + back * part.places_m[:, edge], axis=1)) for edge in (1, 2)
+    )
+    wide = np.pi * sweep.bandwidth_hz / SPEED_OF_LIGHT_M_S * grown / 2
+    widest = [2 * (PATTERN_ERROR * math.factorial(count) / 2) ** (1 / count) for count in range(1, MOST_NODES)]
+    return np.asarray(np.searchsorted(widest, wide) + 1, dtype=np.int64)
 
 
 def history_reference(
@@ -178,7 +212,8 @@ def _check_depth(part: Contributions, track: Floats, reference: Floats, since: F
 @numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def spread_echoes(
     places: Floats, motions: Floats, amplitudes: Complexes, grows: bool, track: Floats, since: Floats,
-    reference: Floats, wavenumber: float, samples_per_m: float, beam: Floats, weights: Floats, spread: Complexes,
+    reference: Floats, wavenumber: float, nodes: Floats, samples_per_m: float, beam: Floats, weights: Floats,
+    spread: Complexes,
 ) -> None:  # fmt: skip
     """Add echoes, at the centre frequency, to samples of delay around their own.
 
@@ -189,12 +224,13 @@ def spread_echoes(
         since: (P,) time since contributions were at their places, s.
         reference: (P,) range that phases are counted from, m.
         wavenumber: of the centre, 1/m.
+        nodes: (K,) wavenumbers of the footprints' patterns, 1/m; points have one.
         samples_per_m: samples of delay in a metre of path.
         beam: of :meth:`processing.scattering.contributions.Beam.row`.
         weights: (steps + 1, taps) the kernel between two samples.
-        spread: (P, 3, samples), added to: HH, the cross-polarized element, VV.
+        spread: (P, K, 3, samples), added to: HH, the cross-polarized element, VV.
     """
-    length, taps = spread.shape[2], weights.shape[1]
+    length, taps = spread.shape[3], weights.shape[1]
     steps = len(weights) - 1
     moving = len(motions) > 0
     for p in numba.prange(len(track)):
@@ -210,7 +246,7 @@ def spread_echoes(
             across, up, even = out_across + back_across, out_up + back_up, out_gain * back_gain
             way = out + back - 2.0 * reference[p]
             if grows:
-                even *= wavenumber * sine_over(0.5 * wavenumber * across) * sine_over(0.5 * wavenumber * up)
+                even *= wavenumber
             angle = wavenumber * way
             factor = complex(even * math.cos(angle), -even * math.sin(angle))
             at = way * samples_per_m
@@ -219,10 +255,15 @@ def spread_echoes(
             row = min(int(fine), steps - 1)
             fine -= row
             first = int(whole) - taps // 2 + 1
-            hh, hv, vv = factor * amplitudes[n, 0, 0], factor * amplitudes[n, 0, 1], factor * amplitudes[n, 1, 1]
-            for tap in range(taps):
-                sample = (first + tap) % length
-                weight = weights[row, tap] + fine * (weights[row + 1, tap] - weights[row, tap])
-                spread[p, 0, sample] += weight * hh
-                spread[p, 1, sample] += weight * hv
-                spread[p, 2, sample] += weight * vv
+            for node in range(len(nodes)):
+                pattern = factor
+                if grows:
+                    pattern *= sine_over(0.5 * nodes[node] * across) * sine_over(0.5 * nodes[node] * up)
+                hh, hv = pattern * amplitudes[n, 0, 0], pattern * amplitudes[n, 0, 1]
+                vv = pattern * amplitudes[n, 1, 1]
+                for tap in range(taps):
+                    sample = (first + tap) % length
+                    weight = weights[row, tap] + fine * (weights[row + 1, tap] - weights[row, tap])
+                    spread[p, node, 0, sample] += weight * hh
+                    spread[p, node, 1, sample] += weight * hv
+                    spread[p, node, 2, sample] += weight * vv

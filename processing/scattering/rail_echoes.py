@@ -4,6 +4,7 @@ At each place of a grid every echo is spread over a few bins of delay (Kaiser-Be
 :mod:`processing.scattering.history`), from which any frequency of the band follows. Rays are sent from places farther
 apart; between two of them both views count, in proportion to their nearness, with paths and patterns that are exact at
 every place. The grid is so close (a twelfth of a wavelength) that what is between follows from its neighbours.
+Footprints have patterns of a few frequencies, between which they are interpolated.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 from processing.sar.filter_design import least_squares_polynomials
 from processing.sar.gridding import Kernel
 from processing.scattering.contributions import ISOTROPIC, Beam, Contributions, leg, sine_over
+from processing.scattering.patterns import chebyshev_nodes, lagrange
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -31,7 +33,10 @@ STEPS = 2048
 """Intervals of the kernel's table between two bins, within which it is taken as linear."""
 TAPS, FINER, DEGREE = 8, 3.0, 9
 """Of the filter along the rail: -88 dB at the least, for echoes from along the rail."""
-MOST_BINS = 20_000_000
+NODES = 3
+"""Frequencies of the footprints' patterns: 80 MHz make of one whose path grows by half a metre 4e-4 of its side lobes
+(:func:`processing.scattering.history.pattern_nodes`)."""
+MOST_BINS = 40_000_000
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,11 @@ class RailRadar:
         return SPEED_OF_LIGHT_M_S / self.centre_hz
 
     @property
+    def nodes(self) -> Floats:
+        """(NODES,) frequencies of the footprints' patterns, over the centre."""
+        return chebyshev_nodes(NODES, self.bandwidth_hz / (2 * self.centre_hz))
+
+    @property
     def place_step_m(self) -> float:
         """Of the grid along the rail: echoes change by no more than two turns in a wavelength of the highest
         frequency."""
@@ -78,8 +88,9 @@ class RailEchoes:
     """x of the first place."""
     radar: RailRadar
     bins: Complexes
-    """(2, 2, 2, places, delays): footprints (which grow with frequency) and points; receiving antenna; transmitting
-    antenna. Delay 0 is bin ``KERNEL.taps / 2``. Amplitudes are those of a point of 1 m^2 at 1 m on the axis being 1."""
+    """(NODES + 1, 2, 2, places, delays): footprints (which grow with frequency) by the patterns of each frequency, and
+    points; receiving antenna; transmitting antenna. Delay 0 is bin ``KERNEL.taps / 2``. Amplitudes are those of a point
+    of 1 m^2 at 1 m on the axis being 1."""
 
     def through(self, receive: ArrayLike, transmit: ArrayLike) -> RailEchoes:
         """What a front end makes of them: ``receive @ S @ transmit``."""
@@ -87,7 +98,7 @@ class RailEchoes:
         return replace(self, bins=np.ascontiguousarray(mixed))
 
     def rows(self, x_m: ArrayLike, receive: int, transmit: int) -> Complexes:
-        """Bins (2, n, delays) of one channel at places ``x_m`` (n,).
+        """Bins (NODES + 1, n, delays) of one channel at places ``x_m`` (n,).
 
         Raises:
             DataError: a place off the rail.
@@ -101,7 +112,7 @@ class RailEchoes:
         powers = (at - whole - 0.5)[:, None] ** np.arange(DEGREE + 1)
         weights = powers @ least_squares_polynomials(TAPS, FINER, DEGREE)
         channel = self.bins[:, receive, transmit]
-        rows = np.empty((2, len(at), channel.shape[2]), dtype=np.complex128)
+        rows = np.empty((len(channel), len(at), channel.shape[2]), dtype=np.complex128)
         for first in np.unique(begin):
             chosen = begin == first
             rows[:, chosen] = weights[chosen] @ channel[:, first : first + TAPS]
@@ -120,8 +131,8 @@ class RailEchoes:
             delay_m: range that cables and electronics add, m: it delays, but does not spread.
 
         Returns:
-            (2, n, delays): the sum over bins of these times :meth:`rows` is the conjugate of the beat's analytic
-            signal.
+            (NODES + 1, n, delays): the sum over bins of these times :meth:`rows` is the conjugate of the beat's
+            analytic signal.
         """
         frequency = np.asarray(frequency_hz, dtype=np.float64)[:, None]
         slope = np.asarray(slope_hz_s, dtype=np.float64)[:, None]
@@ -131,7 +142,8 @@ class RailEchoes:
         cables = 2 * delay_m / SPEED_OF_LIGHT_M_S
         turns = off * bins + frequency * cables - slope * (bins + cables) ** 2 / 2
         points = np.exp(-2j * np.pi * (turns - np.rint(turns))) / KERNEL.response(off * step)
-        return np.stack([points * (frequency / radar.centre_hz), points])
+        share = lagrange(radar.nodes, frequency[:, 0] / radar.centre_hz)[..., None]
+        return np.concatenate([share * (points * (frequency / radar.centre_hz)), points[None]])
 
     def beat(self, x_m: ArrayLike, waves: Complexes, receive: int, transmit: int) -> Floats:
         """Beat voltage (n,) of one channel at places ``x_m``: (1,) for all instants, or (n,).
@@ -176,7 +188,8 @@ def rail_echoes(
     step = radar.place_step_m
     first = low - (TAPS // 2) * step
     count = math.ceil((high - low) / step) + TAPS + 1
-    if 8 * count * KERNEL.taps > MOST_BINS:
+    kinds = NODES + 1
+    if 4 * kinds * count * KERNEL.taps > MOST_BINS:
         raise DataError(f"a rail of {high - low:g} m has {count} places", "make it shorter")
     track = np.zeros((count, 3))
     track[:, 0] = first + np.arange(count) * step
@@ -195,23 +208,24 @@ def rail_echoes(
         part = seen(antenna)
         away = reach + float(np.max(np.abs(track[chosen, 0] - x)))
         delays = math.ceil((_longest(part, antenna) + 2 * away) * per_m) + KERNEL.taps + 2
-        if 8 * count * delays > MOST_BINS:
+        if 4 * kinds * count * delays > MOST_BINS:
             raise DataError(
                 f"echoes at {count} places in {delays} bins of delay are too many", "make the scene or the rail smaller"
             )
-        bins = np.zeros((2, chosen.stop - chosen.start, 2, 2, delays), dtype=np.complex128)
-        for kind, grows in enumerate((True, False)):
+        bins = np.zeros((kinds, chosen.stop - chosen.start, 2, 2, delays), dtype=np.complex128)
+        wavenumber = 2 * math.pi / radar.wavelength_m
+        for grows, into in ((True, bins[:NODES]), (False, bins[NODES:])):
             some = part.chosen(part.footprints == grows)
             spread_pairs(
                 some.places_m, some.amplitudes, grows, track[chosen], shares[chosen],
                 np.ascontiguousarray(radar.senders_m, dtype=np.float64),
                 np.ascontiguousarray(radar.receivers_m, dtype=np.float64),
-                2 * math.pi / radar.wavelength_m, per_m, row, table, bins[kind],
+                wavenumber, wavenumber * radar.nodes, per_m, row, table, into,
             )  # fmt: skip
         parts.append((chosen, bins))
         if progress:
             progress((number + 1) / len(views))
-    total = np.zeros((2, 2, 2, count, max(bins.shape[4] for _, bins in parts)), dtype=np.complex128)
+    total = np.zeros((kinds, 2, 2, count, max(bins.shape[4] for _, bins in parts)), dtype=np.complex128)
     for chosen, bins in parts:
         total[:, :, :, chosen, : bins.shape[4]] += bins.transpose(0, 2, 3, 1, 4)
     return RailEchoes(first, radar, total)
@@ -228,7 +242,8 @@ def _longest(part: Contributions, antenna: Floats) -> float:
 @numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def spread_pairs(
     places: Floats, amplitudes: Complexes, grows: bool, track: Floats, shares: Floats, senders: Floats,
-    receivers: Floats, wavenumber: float, bins_per_m: float, beam: Floats, weights: Floats, bins: Complexes,
+    receivers: Floats, wavenumber: float, nodes: Floats, bins_per_m: float, beam: Floats, weights: Floats,
+    bins: Complexes,
 ) -> None:  # fmt: skip
     """Add echoes, at the centre frequency, to bins of delay around their own.
 
@@ -239,10 +254,11 @@ def spread_pairs(
         shares: (P,) factors of all echoes.
         senders, receivers: (2, 3) antennas H and V from there, m.
         wavenumber: of the centre, 1/m.
+        nodes: (K,) wavenumbers of the footprints' patterns, 1/m; of points nothing but the centre counts.
         bins_per_m: bins of delay in a metre of path.
         beam: of :meth:`processing.scattering.contributions.Beam.row`.
         weights: (steps + 1, taps) the kernel between two bins.
-        bins: (P, 2, 2, delays), added to: receiving antenna, transmitting antenna.
+        bins: (K, P, 2, 2, delays), added to: receiving antenna, transmitting antenna; points: (1, ...).
     """
     taps, steps = weights.shape[1], len(weights) - 1
     apart = False
@@ -252,6 +268,7 @@ def spread_pairs(
     for p in numba.prange(len(track)):
         antenna = np.empty(3)
         out, back = np.empty((2, 4)), np.empty((2, 4))
+        patterns = np.ones(len(bins))
         for n in range(len(places)):
             for which in range(2 if apart else 1):
                 for axis in range(3):
@@ -268,7 +285,10 @@ def spread_pairs(
                         even = shares[p] * out[t, 3] * back[r, 3]
                         if grows:
                             across, up = out[t, 1] + back[r, 1], out[t, 2] + back[r, 2]
-                            even *= wavenumber * sine_over(0.5 * wavenumber * across) * sine_over(0.5 * wavenumber * up)
+                            even *= wavenumber
+                            for node in range(len(bins)):
+                                half = 0.5 * nodes[node]
+                                patterns[node] = sine_over(half * across) * sine_over(half * up)
                         angle = wavenumber * way
                         factor = complex(even * math.cos(angle), -even * math.sin(angle))
                         at = way * bins_per_m
@@ -277,7 +297,8 @@ def spread_pairs(
                         row = min(int(fine), steps - 1)
                         fine -= row
                         first = int(whole) + 1
-                    value = factor * amplitudes[n, r, t]
-                    for tap in range(taps):
-                        weight = weights[row, tap] + fine * (weights[row + 1, tap] - weights[row, tap])
-                        bins[p, r, t, first + tap] += weight * value
+                    for node in range(len(bins)):
+                        value = patterns[node] * factor * amplitudes[n, r, t]
+                        for tap in range(taps):
+                            weight = weights[row, tap] + fine * (weights[row + 1, tap] - weights[row, tap])
+                            bins[node, p, r, t, first + tap] += weight * value

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import DataError
-from processing.radar.profiles import SPEED_OF_LIGHT_M_S
 from processing.scattering.contributions import Contributions, together
-from processing.scattering.history import phase_history
+from processing.scattering.history import pattern_nodes, phase_history
 from processing.scattering.rough import rough_points
 from processing.scattering.shooting import Density, shoot
 from processing.scattering.target import Target
@@ -28,6 +27,7 @@ from processing.scene.radar_simulation import RadarLook
 from processing.scene.solids import SolidScene
 
 Echoes = NDArray[np.complex64]
+Floats = NDArray[np.float64]
 
 PULSES_AT = (0.301, 0.4, 0.469, 0.531, 0.6, 0.699)
 """Pulses that are looked at, of the track: the middles of equal parts of the area of Hann's squared window."""
@@ -36,14 +36,18 @@ MOST_BOUNCES = 6
 MOST_LEVELS, MOST_REFINEMENTS = 10, 7
 MOST_RAYS, MOST_CELLS = 500_000, 250_000
 """Of one look of the dense rays, after which they are not refined further; cells that it begins with at most."""
-SAFETY_DB = 0.5
+SAFETY_DB = 0.2
 """How far below the tolerance the expected error must be."""
-TRUTH_SHARE = 0.5
+TRUTH_SHARE = 0.3
 """Part of the tolerance by which the dense rays may still change."""
+TRUTH_CELL = 0.3
+"""Wavelengths of the cells that the dense rays begin with at most: tips of bodies that reach between the corners of a
+larger cell are not seen, however often edges are split."""
 SMALLEST_RATIO = 0.25
 """Of one refinement's change over the one before."""
-FOOTPRINT_NS, RAY_NS = 130.0, 900.0
-"""Core time of a footprint at a pulse, and of a ray, as measured where the focusing planner's tables are from."""
+FOOTPRINT_NS, NODE_NS, RAY_NS = 80.0, 60.0, 900.0
+"""Core time of a footprint at a pulse, of each frequency that its pattern is worked out at, and of a ray, as measured
+where the focusing planner's tables are from."""
 
 
 @dataclass(frozen=True)
@@ -175,6 +179,7 @@ class _Pilot:
         self.first_cell_m = _first_cell_m(scene)
         self.shots: dict[tuple[Density, int], Contributions] = {}
         self.rays: dict[tuple[Density, int], int] = {}
+        self.footprints_ns: dict[tuple[Density, int], Floats] = {}
         self.seen: dict[tuple[Density, int], Echoes] = {}
         self.bounces = MOST_BOUNCES
         others = []
@@ -195,7 +200,7 @@ class _Pilot:
         wavelength = self.look.sweep.wavelength_m
         sides = np.sort(np.ptp(self.target.corners_m.reshape(-1, 3), axis=0))
         room = math.sqrt(float(sides[1] * sides[2]) / MOST_CELLS)
-        cell = max(min(self.first_cell_m, ghostless_cell_m(self.look)), room)
+        cell = max(min(self.first_cell_m, TRUTH_CELL * wavelength), room)
         levels = max(math.ceil(math.log2(8 * cell / wavelength)), 1)
         for step in range(MOST_REFINEMENTS):
             self.densest = Density(cell * 0.84**step, min(levels + step, MOST_LEVELS), self.bounces)
@@ -250,8 +255,8 @@ class _Pilot:
         keys = [(density, middle) for middle in middles]
         pulses = len(self.look.track_m)
         rays = segments * np.mean([self.rays[key] for key in keys]) * RAY_NS
-        counts = np.mean([np.bincount(self.shots[key].bounces, minlength=self.bounces + 1)[1:] for key in keys], axis=0)
-        return [float(1e-9 * (rays + pulses * FOOTPRINT_NS * count)) for count in np.cumsum(counts)]
+        footprints = np.mean([self.footprints_ns[key] for key in keys], axis=0)
+        return [float(1e-9 * (rays + pulses * one)) for one in np.cumsum(footprints)]
 
     def turn_rad(self, segments: int) -> float:
         """Of the direction to the scene within a segment."""
@@ -286,6 +291,10 @@ class _Pilot:
         if key not in self.shots:
             shot = shoot(self.target, self.look.track_m[middle], self.look.reference_m, density)
             self.shots[key], self.rays[key] = shot.contributions, shot.rays
+            nodes = pattern_nodes(shot.contributions, self.look.track_m[middle], self.look.sweep)
+            each = FOOTPRINT_NS + NODE_NS * nodes
+            by_bounces = np.bincount(shot.contributions.bounces, each, minlength=self.bounces + 1)
+            self.footprints_ns[key] = by_bounces[1:].astype(np.float64)
         return self.shots[key]
 
     def _echoes(self, part: Contributions, pulses: list[int]) -> Echoes:
@@ -297,19 +306,6 @@ class _Pilot:
         # The cross-polarized element is in two channels.
         weights = np.array([1.0, math.sqrt(2), 1.0])[:, None] * self.window
         return np.asarray(history.echoes[[0, 1, 3]].transpose(1, 0, 2) * weights, dtype=np.complex64)
-
-
-def ghostless_cell_m(look: RadarLook) -> float:
-    """Cells that return nothing by Bragg's law off level ground, m.
-
-    Patterns are those of the centre frequency: off it cells in step with the wave, 2 d cos g = wavelength at the
-    grazing angle g, return something where the ground between its edges returns nothing. On the ground d is the cell
-    over sin g.
-    """
-    shortest = SPEED_OF_LIGHT_M_S / (look.sweep.centre_hz + look.sweep.bandwidth_hz / 2)
-    way = look.track_m[len(look.track_m) // 2] - np.asarray(look.reference_m, dtype=np.float64)
-    steep = abs(float(way[2])) / max(math.hypot(float(way[0]), float(way[1])), 1e-9)
-    return 0.45 * shortest * min(max(steep, 0.05), 1.0)
 
 
 def _first_cell_m(scene: SolidScene) -> float:
