@@ -50,10 +50,15 @@ def cpu_seconds(pid: int) -> float:
 
 @contextmanager
 def program(*words: str) -> Iterator[str]:
-    """A program of the benchmarks that runs until its standard input ends; yields its first line."""
+    """A program of the benchmarks that runs until its standard input ends; yields its first line.
+
+    It has a session of its own, so that a device in software takes its processor from nobody's share (autogroups).
+    """
     root = Path(__file__).resolve().parent.parent
     command = [sys.executable, "-m", *words]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=root)
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=root, start_new_session=True
+    )
     assert process.stdin is not None
     assert process.stdout is not None
     try:

@@ -13,15 +13,15 @@ import os
 import sys
 import threading
 
+from polfuse_lab.priority import give_way
+
 NICE = 10
 """Work in the background gives way to a collect."""
 
 
 def main(words: list[str]) -> int:
     """Run the command; its exit status."""
-    if hasattr(os, "nice"):
-        with contextlib.suppress(OSError):
-            os.nice(NICE)
+    give_way(NICE)
     threading.Thread(target=_end_with_owner, name="owner", daemon=True).start()
     out = sys.stdout
     from polfuse_lab.cli import build
