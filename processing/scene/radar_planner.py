@@ -43,6 +43,8 @@ TRUTH_SHARE = 0.3
 TRUTH_CELL = 0.3
 """Wavelengths of the cells that the dense rays begin with at most: tips of bodies that reach between the corners of a
 larger cell are not seen, however often edges are split."""
+RUNG = 2**0.25
+"""From one size of cells to the next that is looked at."""
 SMALLEST_RATIO = 0.25
 """Of one refinement's change over the one before."""
 FOOTPRINT_NS, NODE_NS, RAY_NS = 80.0, 60.0, 900.0
@@ -133,24 +135,12 @@ def plan_radar(scene: SolidScene, look: RadarLook, tolerance_db: float) -> Radar
         if turning <= 0.7 * allowed or segments >= len(look.track_m):
             break
         segments = min(2 * segments, len(look.track_m))
-    tried: dict[Density, Considered] = {}
-    best: Considered | None = None
-    for cell_m, levels in pilot.ladder():
-        before: list[float] = []
-        for density in (Density(cell_m, level, pilot.bounces) for level in levels):
-            errors, costs = pilot.error(density, segments), pilot.seconds(density, segments)
-            for bounces, (error, cost) in enumerate(zip(errors, costs, strict=True), start=1):
-                one = Considered(replace(density, bounces=bounces), _db(math.hypot(error, unknown)), cost)
-                tried[one.density] = one
-                if math.hypot(error, unknown) <= allowed and (best is None or cost < best.seconds):
-                    best = one
-            # Splitting further costs more, and helps no more where cells are too large.
-            before.append(errors[-1])
-            saturated = len(before) > 2 and before[-1] > 0.8 * before[-2] > 0.64 * before[-3]
-            if saturated or (best is not None and costs[best.density.bounces - 1] >= best.seconds):
-                break
+    search = _Search(pilot, segments, allowed, unknown)
+    for cell_m in pilot.cells():
+        search.look(cell_m)
+    best = search.best
     if best is None:  # the densest that simulations are offered, short of the truth itself
-        best = min(tried.values(), key=lambda one: one.error_db)
+        best = min(search.tried.values(), key=lambda one: one.error_db)
     every = pilot.error(best.density, 0)[-1]
     return RadarPlan(
         tolerance_db=tolerance_db,
@@ -162,8 +152,36 @@ def plan_radar(scene: SolidScene, look: RadarLook, tolerance_db: float) -> Radar
         rays_db=_db(every),
         segments_db=_db(turning),
         truth_db=_db(unknown),
-        considered=tuple(sorted(tried.values(), key=lambda one: one.seconds)),
+        considered=tuple(sorted(search.tried.values(), key=lambda one: one.seconds)),
     )
+
+
+class _Search:
+    """The cheapest setting within what is allowed, of those that were looked at."""
+
+    def __init__(self, pilot: _Pilot, segments: int, allowed: float, unknown: float) -> None:
+        self._pilot, self._segments, self._allowed, self._unknown = pilot, segments, allowed, unknown
+        self.tried: dict[Density, Considered] = {}
+        self.best: Considered | None = None
+
+    def look(self, cell_m: float) -> None:
+        """Look at cells of one size, split ever more often, with every number of bounces."""
+        pilot, before = self._pilot, list[float]()
+        for level in pilot.levels(cell_m):
+            density = Density(cell_m, level, pilot.bounces)
+            errors, costs = pilot.error(density, self._segments), pilot.seconds(density, self._segments)
+            for bounces, (error, cost) in enumerate(zip(errors, costs, strict=True), start=1):
+                off = math.hypot(error, self._unknown)
+                one = Considered(replace(density, bounces=bounces), _db(off), cost)
+                self.tried[one.density] = one
+                if off <= self._allowed and (self.best is None or cost < self.best.seconds):
+                    self.best = one
+            # Splitting further costs more, and helps no more where cells are too large.
+            before.append(errors[-1])
+            saturated = len(before) > 2 and before[-1] > 0.8 * before[-2] > 0.64 * before[-3]
+            dearer = self.best is not None and costs[self.best.density.bounces - 1] >= self.best.seconds
+            if saturated or dearer:
+                break
 
 
 class _Pilot:
@@ -223,14 +241,18 @@ class _Pilot:
         """The last one; edges may fall together by chance: no less is believed than a part of the one before."""
         return max(changes[-1], SMALLEST_RATIO * changes[-2]) if len(changes) > 1 else changes[-1]
 
-    def ladder(self) -> Iterator[tuple[float, list[int]]]:
-        """Settings cheaper than the truth's: cells by the root of two, and how often they may be split."""
-        finest = self.densest.cell_m / 2**self.densest.levels
-        coarsest = 2 * self.look.sweep.wavelength_m
+    def cells(self) -> Iterator[float]:
+        """Cells from the largest on, no smaller than the truth's, m."""
         cell = self.first_cell_m
         while cell >= 0.99 * self.densest.cell_m:
-            yield cell, [n for n in range(MOST_LEVELS + 1) if 1.6 * finest <= cell / 2**n <= coarsest]
-            cell /= math.sqrt(2)
+            yield cell
+            cell /= RUNG
+
+    def levels(self, cell_m: float) -> list[int]:
+        """How often such cells may be split: cheaper than the truth."""
+        finest = self.densest.cell_m / 2**self.densest.levels
+        coarsest = 2 * self.look.sweep.wavelength_m
+        return [n for n in range(MOST_LEVELS + 1) if 1.6 * finest <= cell_m / 2**n <= coarsest]
 
     def error(self, density: Density, segments: int) -> list[float]:
         """Of the picture, for each number of bounces up to the density's; 0 segments: rays from each pulse itself."""
