@@ -10,6 +10,7 @@ is interpolation by straight lines.
 from __future__ import annotations
 
 import functools
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -103,6 +104,25 @@ def passed(degree: int, frequency: ArrayLike) -> Floats:
 def power_between(degree: int, frequency: ArrayLike) -> Floats:
     """``q``: power that a component of power 1 has between the pixels, its ghosts included."""
     return np.asarray(spline_spectrum(2 * degree + 1, frequency) / spline_spectrum(degree, frequency) ** 2)
+
+
+def passed_at(degree: int, frequency: ArrayLike, place: float) -> NDArray[np.complex128]:
+    """What a spline makes of the samples of ``exp(2 pi i nu k)`` at ``k + place``, over the sample at k.
+
+    ``sum_j beta_n(place - j) exp(2 pi i nu j) / B_n(nu)``; without error it would be ``exp(2 pi i nu place)``.
+
+    Args:
+        degree: of :data:`DEGREES`.
+        frequency: nu, 1 / pixel.
+        place: pixels.
+    """
+    nu = np.asarray(frequency, dtype=np.float64)
+    spline = BSpline.basis_element(np.arange(degree + 2) - (degree + 1) / 2, extrapolate=False)
+    first = math.floor(place) - degree // 2
+    total = np.zeros(nu.shape, dtype=np.complex128)
+    for j in range(first, first + degree + 1):
+        total += np.nan_to_num(spline(place - j)) * np.exp(2j * np.pi * nu * j)
+    return np.asarray(total / spline_spectrum(degree, nu))
 
 
 def noise_between(degree: int) -> float:

@@ -1,10 +1,9 @@
 """How a picture is to be interpolated: the error of each degree of splines, foretold from the picture's own spectrum.
 
 A component of the scene at (nu, mu) errs by ``1 - 2 m(nu) m(mu) + q(nu) q(mu)`` of its power, mean over all places
-between pixels (:mod:`processing.fusion.resampling`). What is recorded at a frequency is the sum of all components that
-sampling folds there; a spectrum that falls as ``nu^-a exp(-b nu^2)`` (texture and edges, seen by a blurred lens) is
-fitted to it and tells how much of it each of them is. Noise is no part of the scene: its variance is taken off the
-spectrum, and what it leaves between the pixels is added to the error.
+between pixels (:mod:`processing.fusion.resampling`); :mod:`processing.optics.spectra` tells how much of each there is.
+Noise is no part of the scene: its variance is taken off the spectrum, and what it leaves between the pixels is added to
+the error.
 """
 
 from __future__ import annotations
@@ -14,12 +13,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import distance_transform_edt
-from scipy.signal.windows import tukey
 
 from processing.errors import DataError
 from processing.fusion.resampling import DEGREES, noise_between, passed, power_between
 from processing.optics.pieces import spread_pieces
+from processing.optics.spectra import FOLDS, filled, folded_shares, frequencies, power_spectrum
 
 Floats = NDArray[np.float64]
 
@@ -37,13 +35,6 @@ PIECE_PX, PIECES = 256, 6
 """Side of the pieces that are looked at, and how many of them at most."""
 LEAST_PX = 16
 """Smallest side of a picture whose errors can be foretold."""
-TAPER = 0.5
-"""Share of a piece's sides over which it fades out: less would leak, more would not see what is there."""
-SHARPER = 2.0
-"""Power beyond half the sampling frequency over what the fall of the mean spectrum tells: some edges are sharper."""
-_FOLDS = (-1, 0, 1)
-_EDGES = np.linspace(0.06, 0.5, 12)
-"""Rings of frequencies that the fall of the spectrum is fitted to, 1 / pixel."""
 
 
 @dataclass(frozen=True)
@@ -106,13 +97,9 @@ def resampling_errors_db(planes: ArrayLike, variance: ArrayLike = 0.0) -> dict[i
     power = 0.0
     for window in spread_pieces(values.shape[1:], PIECE_PX, PIECES):
         piece = values[:, *window]
-        lost = ~np.isfinite(piece).all(axis=0)
-        if lost.mean() > 0.5:
+        if np.isfinite(piece).all(axis=0).mean() < 0.5:
             continue
-        if lost.any():
-            nearest = distance_transform_edt(lost, return_distances=False, return_indices=True)
-            piece = piece[:, *nearest]
-        mean, spectrum = _spectrum(piece, noise)
+        mean, spectrum = power_spectrum(filled(piece), noise)
         weight = piece[0].size
         power += weight * (mean + float(spectrum.sum()))
         for degree, left in _left(spectrum, noise).items():
@@ -142,88 +129,15 @@ def choose_resampling(planes: ArrayLike, tolerance_db: float, *, variance: Array
     return ResamplingChoice(degree, error, tolerance_db, error <= tolerance_db, considered)
 
 
-def _spectrum(planes: Floats, noise: float) -> tuple[float, Floats]:
-    """Squares of the planes' means, and (rows, columns // 2 + 1) the power about them at each frequency, noise taken
-    off: both halves of the plane of frequencies are in it, and it sums to the variance."""
-    rows, columns = planes.shape[1:]
-    window = tukey(rows, TAPER)[:, None] * tukey(columns, TAPER)
-    mean = (planes * window).sum(axis=(1, 2)) / window.sum()
-    power = np.abs(np.fft.rfft2((planes - mean[:, None, None]) * window)) ** 2
-    spectrum = power.sum(axis=0) / ((window**2).sum() * rows * columns) - noise / (rows * columns)
-    return float((mean**2).sum()), np.asarray(spectrum * _both_halves(spectrum.shape[1]))
-
-
-def _both_halves(half: int) -> Floats:
-    """How often each column of half a plane of frequencies stands in all of it; the picture has even columns."""
-    twice = np.full(half, 2.0)
-    twice[[0, -1]] = 1.0
-    return twice
-
-
 def _left(spectrum: Floats, noise: float) -> dict[int, float]:
     """Power of the error without noise, of each degree."""
-    rows, half = spectrum.shape
-    columns = 2 * (half - 1)
-    nu, mu = np.fft.fftfreq(rows)[:, None], np.arange(half) / max(columns, 1)
-    fall = _fitted_fall(spectrum, np.hypot(nu, mu), noise)
-    folded = {
-        (i, k): (SHARPER if i or k else 1.0) * _falling(np.hypot(nu + i, mu + k), fall) for i in _FOLDS for k in _FOLDS
-    }
-    whole = sum(folded.values(), np.zeros_like(spectrum))
+    nu, mu = frequencies(spectrum)
+    folded = folded_shares(spectrum, noise)
     left = {}
     for degree in DEGREES:
-        down = {i: passed(degree, nu + i) for i in _FOLDS}
-        right = {k: passed(degree, mu + k) for k in _FOLDS}
-        stays = sum((share * down[i] * right[k] for (i, k), share in folded.items()), np.zeros_like(spectrum)) / whole
+        down = {i: passed(degree, nu + i) for i in FOLDS}
+        right = {k: passed(degree, mu + k) for k in FOLDS}
+        stays = sum((share * down[i] * right[k] for (i, k), share in folded.items()), np.zeros_like(spectrum))
         between = power_between(degree, nu) * power_between(degree, mu)
         left[degree] = float((spectrum * (1 - 2 * stays + between)).sum())
     return left
-
-
-def _falling(frequency: Floats, fall: tuple[float, float]) -> Floats:
-    at = np.maximum(frequency, 1e-3)
-    return np.asarray(np.exp(-fall[0] * np.log(at) - fall[1] * at**2))
-
-
-def _fitted_fall(spectrum: Floats, frequency: Floats, noise: float) -> tuple[float, float]:
-    """Exponents a and b of ``nu^-a exp(-b nu^2)``, from the means over rings in which the scene stands above noise."""
-    rows, half = spectrum.shape
-    single = spectrum / _both_halves(half)
-    ring = np.digitize(frequency, _EDGES)
-    at, level = [], []
-    for number in range(1, len(_EDGES)):
-        own = single[ring == number]
-        if len(own) < 3:
-            continue
-        doubt = own.std() / math.sqrt(len(own) / 4) + 0.1 * noise / (rows * 2 * (half - 1))
-        if own.mean() > 2 * doubt:
-            at.append(float(frequency[ring == number].mean()))
-            level.append(math.log(own.mean()))
-    if len(at) < 3:
-        return 3.0, 0.0  # edges
-    nu, known = np.array(at), np.array(level)
-    fall = (2.0, 0.0)
-    folds: Floats = np.zeros_like(nu)
-    for _ in range(3):
-        fall = _least_squares(nu, known - folds)
-        folds = np.log(_folded_over_own(nu, fall))
-    return fall
-
-
-def _least_squares(nu: Floats, level: Floats) -> tuple[float, float]:
-    """Neither exponent is negative."""
-    columns = np.stack([np.ones_like(nu), -np.log(nu), -(nu**2)], axis=1)
-    a, b = (float(value) for value in np.linalg.lstsq(columns, level, rcond=None)[0][1:])
-    if b < 0:
-        a, b = float(np.linalg.lstsq(columns[:, :2], level, rcond=None)[0][1]), 0.0
-    elif a < 0:
-        a, b = 0.0, float(np.linalg.lstsq(columns[:, ::2], level, rcond=None)[0][1])
-    return max(a, 0.0), max(b, 0.0)
-
-
-def _folded_over_own(nu: Floats, fall: tuple[float, float]) -> Floats:
-    """What is recorded at a frequency over what belongs there, mean over directions."""
-    turn = np.linspace(0, np.pi / 2, 7)[:, None]
-    x, y = nu * np.cos(turn), nu * np.sin(turn)
-    whole = sum((_falling(np.hypot(x + i, y + k), fall) for i in _FOLDS for k in _FOLDS), np.zeros_like(x))
-    return np.asarray(np.mean(whole / _falling(nu, fall), axis=0))
