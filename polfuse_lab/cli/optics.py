@@ -62,17 +62,23 @@ def optics(
         Path | None, typer.Option(help="Products file with calibrations (flat, linearity, analyser, camera) to apply.")
     ] = None,
     register: Annotated[
-        Register, typer.Option(help="Measure shifts between the images and undo them: where significant, or all.")
-    ] = Register.off,
+        Register | None,
+        typer.Option(
+            help="Measure shifts between the images and undo them: where significant, or all; off by default."
+        ),
+    ] = None,
     demosaic: Annotated[
         Demosaic | None,
         typer.Option(help="For a mosaic: bilinear (fastest, the default), newton, or residual (least error)."),
     ] = None,
     tolerance: Annotated[
         str | None,
-        typer.Option(help="Chooses the demosaicer: largest error of the images, dB, or preview, field, paper."),
+        typer.Option(
+            help="Chooses the demosaicer, or how a turning polarizer's images are put in place: largest error of the "
+            "images, dB, or preview, field, paper."
+        ),
     ] = None,
-    explain: Annotated[bool, typer.Option("--explain", help="Tell why this demosaicer; with --tolerance.")] = False,
+    explain: Annotated[bool, typer.Option("--explain", help="Tell why that was chosen; with --tolerance.")] = False,
     region_px: Annotated[
         int | None, typer.Option(min=1, help="Calibrate analysers in regions of this many pixels; one by default.")
     ] = None,
@@ -112,7 +118,7 @@ def optics(
         active = is_active(opened)
     if active:
         if tolerance_db is not None:
-            raise typer.BadParameter("the active mode interpolates no mosaic", param_hint="--tolerance")
+            raise typer.BadParameter("the active mode has nothing to choose", param_hint="--tolerance")
         from polfuse_lab.products.optics_active import active_optics
 
         values, text = _of_active(active_optics(session, output, figure=drawing, corrections=correct))
@@ -124,7 +130,7 @@ def optics(
             zero_sd_rad=math.radians(zero_sd_deg),
             intensity_stability=intensity_stability,
             corrections=correct,
-            register=register.value,
+            register=register and register.value,
             demosaic=demosaic and demosaic.value,
             tolerance_db=tolerance_db,
         )

@@ -21,6 +21,7 @@ from processing.optics.demosaic_planner import DemosaicChoice
 from processing.optics.flat import Corrections
 from processing.optics.mosaic import parse_mosaic
 from processing.optics.series import PolarizerSeries, SensorNoise
+from processing.optics.shift_planner import RegistrationChoice
 from processing.optics.shifts import Shift
 from processing.optics.stack import AveragedSeries
 from processing.optics.stokes import Flag, StokesImage
@@ -56,8 +57,8 @@ class OpticsResult:
     """Shift of each angle's image against the first one's; empty where it was not measured."""
     composite: Path | None = None
     """Picture of S1, S0 and S2 as colours (thesis 7.7)."""
-    choice: DemosaicChoice | None = None
-    """Which demosaicer a tolerance chose, and why."""
+    choice: DemosaicChoice | RegistrationChoice | None = None
+    """Which demosaicer a tolerance chose, or how it had the images of a turning polarizer put in place, and why."""
 
     @property
     def dolp_median(self) -> float:
@@ -78,7 +79,7 @@ def optics(
     zero_sd_rad: float = math.radians(0.5),
     intensity_stability: float = 1e-3,
     corrections: Path | str | None = None,
-    register: str = "off",
+    register: str | None = None,
     demosaic: str | None = None,
     tolerance_db: float | None = None,
 ) -> OpticsResult:
@@ -100,10 +101,12 @@ def optics(
             (:mod:`polfuse_lab.products.optics_calibration`) or "camera" (:mod:`polfuse_lab.products.camera_lens`),
             which are applied.
         register: ``"off"``, ``"auto"`` or ``"on"``: whether shifts between the images of a turning polarizer are
-            measured and undone (:func:`processing.optics.shifts.registered`).
+            measured and undone (:func:`processing.optics.shifts.registered`); off if left out.
         demosaic: of :data:`processing.optics.demosaic.METHODS`; bilinear if left out.
-        tolerance_db: largest error of the images behind each angle of a mosaic, dB below them; chooses the demosaicer,
-            and the settings keep why (:func:`processing.optics.demosaic_planner.choose_demosaicer`).
+        tolerance_db: largest error of the images behind each angle, dB below them, and the settings keep why: of a
+            mosaic it chooses the demosaicer (:func:`processing.optics.demosaic_planner.choose_demosaicer`), of a
+            turning polarizer how shifts between the images are measured and undone
+            (:func:`processing.optics.shift_planner.choose_registration`).
 
     Raises:
         PolfuseError: a file that cannot be used, a session without camera or without frames, or one of the active mode
@@ -112,6 +115,10 @@ def optics(
     """
     if demosaic is not None and tolerance_db is not None:
         raise PolfuseError("a tolerance chooses the demosaicer", where="optics", advice="leave --demosaic out")
+    if register is not None and tolerance_db is not None:
+        raise PolfuseError(
+            "a tolerance chooses how images are put in place", where="optics", advice="leave --register out"
+        )
     with open_session(session_path) as session:
         camera = camera_of(session)
         if is_active(session):
@@ -119,12 +126,6 @@ def optics(
                 "was taken with a polarizer before the light source",
                 where=str(session.path),
                 advice="make the active mode's channels of it, as 'polfuse optics' does by itself",
-            )
-        if tolerance_db is not None and not camera.has_mosaic:
-            raise PolfuseError(
-                "a tolerance chooses how a mosaic of polarizers is interpolated, and this camera has none",
-                where=str(session.path),
-                advice="leave --tolerance out",
             )
         refuse_changes(session)
         stack = stacked(session, camera, usable_frames(session))
@@ -152,11 +153,13 @@ def optics(
                 intensity_stability=intensity_stability,
                 corrections=found,
                 analysers=analysers,
-                register=register,
+                register=register or "off",
+                tolerance_db=tolerance_db,
             )
     image = averaged.stokes()
-    choice = averaged.demosaicer
-    used = choice.method if choice else demosaic or "bilinear"
+    choice: DemosaicChoice | RegistrationChoice | None = averaged.demosaicer or averaged.registration
+    used = averaged.demosaicer.method if averaged.demosaicer else demosaic or "bilinear"
+    placed = averaged.registration.way.name if averaged.registration else register or "off"
     seen, lens = pinhole(camera), corrections is not None and holds_lens(corrections)
     if corrections is not None and lens:
         seen = with_lens(seen, corrections)
@@ -168,6 +171,7 @@ def optics(
             **_settings(camera, averaged, stack.incomplete_frames),
             "camera": asdict(seen),
             "demosaic": used if camera.has_mosaic else None,
+            "registration": None if camera.has_mosaic else placed,
             **({} if choice is None else _told(choice)),
             "corrected": [name for name, done in {**_corrected(found, analysers), "lens": lens}.items() if done],
         },
@@ -243,7 +247,7 @@ def _settings(camera: CameraSection, averaged: AveragedSeries, incomplete_frames
     }
 
 
-def _told(choice: DemosaicChoice) -> dict[str, Any]:
+def _told(choice: DemosaicChoice | RegistrationChoice) -> dict[str, Any]:
     """The choice and what it foretells, for the product."""
     return {
         "tolerance_db": choice.tolerance_db,

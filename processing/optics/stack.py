@@ -15,8 +15,11 @@ from processing.optics.demosaic_planner import DemosaicChoice, choose_demosaicer
 from processing.optics.flat import Corrections
 from processing.optics.mosaic import ANGLES_DEG, Mosaic, spread
 from processing.optics.series import PolarizerSeries, SensorNoise
-from processing.optics.shifts import Shift, registered
+from processing.optics.shift_planner import RegistrationChoice, choose_registration
+from processing.optics.shifts import Shift, put_back, registered
 from processing.optics.stokes import StokesImage, stokes_image
+
+Floats = NDArray[np.float64]
 
 SAME_ANGLE_RAD = 1e-4
 """Frames whose angles differ by less were taken at one setting of the polarizer (0.006 degrees)."""
@@ -52,6 +55,8 @@ class AveragedSeries:
     """Whether it was undone."""
     demosaicer: DemosaicChoice | None = None
     """Which demosaicer a tolerance chose, and why; None where none was asked for."""
+    registration: RegistrationChoice | None = None
+    """How a tolerance had the images put in place, and why; None where none was asked for."""
 
     def stokes(self) -> StokesImage:
         """Stokes parameters, DOLP and AOP with their errors."""
@@ -80,6 +85,20 @@ class Means:
     dark_frames: int
     incomplete: bool
     """A setting has no complete frame."""
+
+
+def _noise(series: PolarizerSeries, image: int, means: Means, response: NDArray[np.float64] | None) -> Floats:
+    """(rows, columns) variance of one image's noise, counts^2."""
+    counts = np.maximum(means.light[image].astype(np.float64), 0.0)
+    variance = series.noise.variance(counts) / means.frames[image] + series.dark_variance
+    return variance if response is None else np.asarray(variance / response**2)
+
+
+def _mean_noise(series: PolarizerSeries, image: int, means: Means, response: NDArray[np.float64] | None) -> float:
+    """Mean over the pixels that are neither saturated nor dead."""
+    variance = _noise(series, image, means, response)[~means.saturated]
+    known = variance[np.isfinite(variance)]
+    return float(known.mean()) if len(known) else 0.0
 
 
 class FrameStack:
@@ -184,6 +203,7 @@ class FrameStack:
         corrections: Corrections | None = None,
         analysers: AnalyserCalibration | None = None,
         register: str = "off",
+        tolerance_db: float | None = None,
     ) -> AveragedSeries:
         """Mean light of each angle, in ascending order of angle.
 
@@ -199,9 +219,12 @@ class FrameStack:
                 ``extinction_ratio``.
             register: ``"off"``; ``"auto"``: shifts between the images are measured, and undone where they are
                 significant (:meth:`processing.optics.shifts.Shift.significant`); ``"on"``: undone wherever measured.
+            tolerance_db: largest error by what is out of place, dB below the images; takes the place of ``register``
+                (:func:`processing.optics.shift_planner.choose_registration`).
 
         Raises:
-            DataError: no complete frame, or angles that do not determine S0, S1 and S2.
+            DataError: no complete frame, angles that do not determine S0, S1 and S2, or a tolerance that is no negative
+                number.
         """
         means = self.means()
         sds = means.angle_sd_rad
@@ -219,11 +242,25 @@ class FrameStack:
             intensity_stability=intensity_stability,
         )
         light, response = (corrections or Corrections()).apply(means.light)
-        light, saturated, shifts, undone = registered(light, means.saturated, register)
+        choice: RegistrationChoice | None = None
+        if tolerance_db is None:
+            light, saturated, shifts, undone = registered(light, means.saturated, register)
+        else:
+            noise_of = [_mean_noise(series, i, means, response) for i in range(len(light))]
+            choice = choose_registration(light, means.saturated, tolerance_db, variance=noise_of)
+            shifts, undone = choice.shifts, choice.way.undo
+            light, saturated = put_back(light, means.saturated, shifts, undone, choice.way.degree or 3)
         if analysers is not None:
             light = analysers.idealised(light, series.angles_rad)
         return AveragedSeries(
-            light.astype(np.float32), saturated, series, means.incomplete, response, None, 0.0, shifts, undone
+            light=light.astype(np.float32),
+            saturated=saturated,
+            series=series,
+            incomplete=means.incomplete,
+            response=response,
+            shifts=shifts,
+            shifted_back=undone,
+            registration=choice,
         )
 
     def averaged_mosaic(
@@ -278,11 +315,7 @@ class FrameStack:
         light[:, means.saturated] = np.nan
         choice: DemosaicChoice | None = None
         if tolerance_db is not None:
-            counts = np.maximum(means.light[0].astype(np.float64), 0.0)
-            spread_out = series.noise.variance(counts) / frames + series.dark_variance
-            if response is not None:
-                spread_out = spread_out / response**2
-            choice = choose_demosaicer(light[0], mosaic, tolerance_db, variance=spread_out)
+            choice = choose_demosaicer(light[0], mosaic, tolerance_db, variance=_noise(series, 0, means, response))
             method = choice.method
         planes = demosaic_by(method, light[0], mosaic)
         if analysers is not None:

@@ -111,7 +111,9 @@ def test_linearity_and_flat_field_are_made_and_applied(tmp_path: Path) -> None:
     assert np.std((s0 - np.median(s0)) / arrays["s0_sd"]) < 1.4
 
 
-def test_shifted_images_are_put_in_place(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def displaced(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray, np.ndarray]:
+    """A session whose images are displaced by eighths of a pixel; its true DOLP and the shifts, pixels."""
     over = 8
     fine = fine_scene(COLUMNS, 3, over, strongest=0.4)[:, : ROWS * over]
     truth = binned(fine, over)
@@ -120,21 +122,55 @@ def test_shifted_images_are_put_in_place(tmp_path: Path) -> None:
     for row, angle, step in zip(measurement_matrix(np.radians(ANGLES), 800.0), ANGLES, steps, strict=True):
         light = binned(np.roll(np.tensordot(row, fine, 1), step, (0, 1)), over)
         moved += [Exposure(frame(light, 7 + n), math.radians(angle)) for n in range(2)]
-    session = write_session(tmp_path / "s.h5", moved, rig=rig())
+    session = write_session(tmp_path_factory.mktemp("displaced") / "s.h5", moved, rig=rig())
+    return session, np.hypot(truth[1], truth[2]) / truth[0], np.array(steps) / over
+
+
+def test_shifted_images_are_put_in_place(displaced, tmp_path: Path) -> None:
+    session, dolp, steps = displaced
     plain = optics(session, tmp_path / "plain.h5")
     made = run(session, "-o", tmp_path / "p.h5", "--register", "auto")
     shifts = np.array(made["shifts_px"])
-    np.testing.assert_allclose(shifts, np.array(steps) / over, atol=0.06)
+    np.testing.assert_allclose(shifts, steps, atol=0.06)
     arrays = Products(tmp_path / "p.h5").read("optics")
-    dolp = np.hypot(truth[1], truth[2]) / truth[0]
     inner = np.s_[6:-6, 6:-6]
     after = np.nanstd((arrays["dolp_raw"] - dolp)[inner])
     before = np.nanstd((plain.image.dolp_raw - dolp)[inner])
     assert after < before / 2.5
     settings = Products(tmp_path / "p.h5").settings("optics")
     assert [item["undone"] for item in settings["shifts_px"]] == [False, True, True, True]
+    assert settings["registration"] == "auto"
     # What one of the images does not reach is undefined, and says so.
     assert (arrays["flags"][0] & Flag.INCOMPLETE).all()
+
+
+def test_a_tolerance_has_images_put_in_place_and_the_product_says_why(displaced, tmp_path: Path) -> None:
+    session, dolp, steps = displaced
+    undone, errors = [], []
+    for tolerance in (-6.0, -30.0):
+        products = tmp_path / f"{-tolerance}.h5"
+        made = optics(session, products, tolerance_db=tolerance)
+        np.testing.assert_allclose([(shift.down, shift.right) for shift in made.shifts], steps, atol=0.06)
+        settings = Products(products).settings("optics")
+        undone.append([item["undone"] for item in settings["shifts_px"]])
+        assert (settings["tolerance_db"], settings["tolerance_kept"]) == (tolerance, True)
+        assert settings["predicted_error_db"] == settings["considered"][settings["registration"]] < tolerance
+        assert made.choice is not None
+        assert settings["reason"] in made.choice.explain()[0]
+        errors.append(float(np.nanstd((made.image.dolp_raw - dolp)[6:-6, 6:-6])))
+    assert undone == [[False] * 4, [False, True, True, True]]
+    assert errors[1] < errors[0] / 2
+    words = ["optics", str(session), "-o", str(tmp_path / "p.h5")]
+    ran = CliRunner().invoke(build(), [*words, "--tolerance", "field", "--explain"])
+    assert ran.exit_code == 0, ran.output
+    assert all(line in ran.stdout for line in made.choice.explain())
+    assert "not left where they are: -" in ran.stdout
+    for wrong in (["--tolerance=-30", "--register", "off"], ["--tolerance", "perfect"], ["--tolerance=3"]):
+        ran = CliRunner().invoke(build(), [*words, *wrong])
+        assert ran.exit_code != 0
+        assert "Traceback" not in ran.output
+    with pytest.raises(PolfuseError, match="a tolerance chooses how images are put in place; leave --register out"):
+        optics(session, tmp_path / "p.h5", register="auto", tolerance_db=-30.0)
 
 
 @pytest.mark.parametrize("demosaic", ["bilinear", "newton", "residual"])
