@@ -13,7 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.planner_trials import Trial, demosaic_trial, focus_trial, resampling_trial, storage_trial, window_trial
+from benchmarks.planner_trials import (
+    Trial,
+    demosaic_trial,
+    focus_trial,
+    registration_trial,
+    resampling_trial,
+    storage_trial,
+    window_trial,
+)
 from benchmarks.rows import Row
 
 SCENES, QUICK = 200, 8
@@ -25,6 +33,7 @@ TASKS: dict[str, Callable[[int], Trial]] = {
     "focus": focus_trial,
     "decompose": window_trial,
     "demosaic": demosaic_trial,
+    "registration": registration_trial,
     "resampling": resampling_trial,
     "storage": storage_trial,
 }

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from benchmarks.accuracy_focus_planner import form, task_of
 from benchmarks.focus_geometries import random_collect, relative_error_db
 from benchmarks.planner_scenes import random_mosaic, random_places, random_stokes
+from benchmarks.shifted_scenes import random_series
 from polfuse_lab.plans.storage import expected_frame
 from polfuse_lab.rig import CameraSection
 from polfuse_lab.session.filter_planner import Demand, choose_filter, forecast
@@ -25,6 +26,9 @@ from processing.fusion.resampling_planner import choose_resampling
 from processing.optics.demosaic import METHODS, demosaic_by
 from processing.optics.demosaic_planner import SAFETY_DB as DEMOSAIC_SAFETY_DB
 from processing.optics.demosaic_planner import choose_demosaicer
+from processing.optics.shift_planner import LEFT, choose_registration, measured_again, measured_on_pieces
+from processing.optics.shift_planner import SAFETY_DB as REGISTRATION_SAFETY_DB
+from processing.optics.shifts import put_back
 from processing.polarimetry.averaging import window_average
 from processing.polarimetry.matrices import planes_of_matrix
 from processing.polarimetry.speckle.simulation import speckled
@@ -155,6 +159,30 @@ def resampling_trial(seed: int) -> Trial:
         measured[str(degree)] = (relative_db(found, seen.truth), seconds)
     promised = choice.predicted_error_db <= tolerance - RESAMPLING_SAFETY_DB
     return _judged(str(choice.degree), choice.predicted_error_db, promised, tolerance, measured)
+
+
+@_one_thread
+def registration_trial(seed: int) -> Trial:
+    """Registration: shifts are measured with the noise, and what is out of place is seen without it."""
+    seen = random_series(seed + 10_000)
+    tolerance = float(np.random.default_rng(seed + 5_000_000).uniform(-60, -20))
+    saturated = np.zeros(seen.light.shape[1:], dtype=bool)
+    choice = choose_registration(seen.light, saturated, tolerance, variance=seen.variance)
+    looking, shifts = timed(lambda: measured_on_pieces(seen.light, saturated), 3)
+    again, better = 0.0, shifts
+    if choice.way.whole:
+        again, better = timed(lambda: measured_again(seen.light, saturated, shifts), 1)
+    measured = {}
+    for way in choice.ways:
+        if way.whole and not choice.way.whole:
+            continue  # dearer than what was chosen
+        known, seconds, placed = better if way.whole else shifts, 0.0, seen.bare
+        if way.degree != LEFT:
+            seconds, _ = timed(lambda: put_back(seen.light, saturated, known, way.undo, way.degree), 3)  # noqa: B023
+            placed, _ = put_back(seen.bare, saturated, known, way.undo, way.degree)
+        measured[way.name] = (relative_db(placed, seen.truth), looking + (again if way.whole else 0.0) + seconds)
+    promised = choice.predicted_error_db <= tolerance - REGISTRATION_SAFETY_DB
+    return _judged(choice.way.name, choice.predicted_error_db, promised, tolerance, measured)
 
 
 @_one_thread

@@ -35,7 +35,13 @@ KNOBS = (
     Knob("demosaicer", "optics --demosaic", "bilinear, newton, residual", "optics.demosaic", "bilinear, or tolerance"),
     Knob("precision of the mosaic's pass", "mosaic_stokes", "float32 or float64", "optics.precision", "bound"),
     Knob("bias of DOLP", "always on", "a function for each pixel", "optics.debias", "on"),
-    Knob("registration of exposures", "optics --register", "splines where it moved", "accuracy.optics", "significance"),
+    Knob(
+        "registration of exposures",
+        "optics --register",
+        "pieces or whole, left or splines",
+        "accuracy.planners",
+        "off, or tolerance",
+    ),
     Knob(
         "camera's picture on the ground", "fuse --tolerance", "lines or splines", "accuracy.planners", "straight lines"
     ),

@@ -7,7 +7,14 @@ import math
 import pytest
 
 from benchmarks.accuracy_planners import rows_of, verdict
-from benchmarks.planner_trials import Trial, demosaic_trial, resampling_trial, storage_trial, window_trial
+from benchmarks.planner_trials import (
+    Trial,
+    demosaic_trial,
+    registration_trial,
+    resampling_trial,
+    storage_trial,
+    window_trial,
+)
 
 
 def test_verdict_by_hand() -> None:
@@ -28,7 +35,7 @@ def test_verdict_by_hand() -> None:
     assert (nothing.judged, nothing.kept, nothing.together) == (0, 1.0, 1.0)
 
 
-@pytest.mark.parametrize("trial", [window_trial, demosaic_trial, resampling_trial, storage_trial])
+@pytest.mark.parametrize("trial", [window_trial, demosaic_trial, registration_trial, resampling_trial, storage_trial])
 def test_one_scene(trial) -> None:
     made = trial(3)
     assert abs(made.off_db) <= 6.02
