@@ -18,7 +18,14 @@ from processing.scattering.contributions import Beam
 from processing.scattering.rail_echoes import RailEchoes, RailRadar
 from processing.scattering.shooting import Density
 from processing.scene.model import Scene
-from processing.scene.rail_scene import Daylight, RailRays, bodies_along_rail, camera_picture, moved
+from processing.scene.rail_scene import (
+    Daylight,
+    RailRays,
+    bodies_along_rail,
+    camera_picture,
+    moved,
+    points_along_rail,
+)
 from processing.scene.solids import SolidScene
 
 Progress = Callable[[str, float], None]
@@ -32,7 +39,7 @@ class Seen:
     scene: Scene
     """With the camera's picture, if bodies are before a camera."""
     echoes: RailEchoes | None = None
-    """Of bodies; none of a scene of points and reflectors."""
+    """Of bodies, or of points before antennas that are apart; else points are summed up when they are asked for."""
 
 
 def look_at(
@@ -51,7 +58,7 @@ def look_at(
     """
     if bodies is None or not file.solid:
         if bodies is None and not file.solid:
-            return Seen(file.scene())
+            return Seen(file.scene(), _points_before_antennas_apart(file, where))
         raise PolfuseError(
             "bodies were not read from the scene file" if file.solid else "bodies are given, and the file has none",
             where=where,
@@ -71,18 +78,34 @@ def look_at(
             )
             # As the camera's own process will read it.
             scene = replace(scene, picture=picture.astype(np.float32))
-        half = file.rail.length_m / 2
         rays = RailRays(
             Density(file.rays.cell_m, file.rays.levels, file.rays.bounces),
             file.rays.points_per_m2,
             file.rays.step_m,
             file.seed,
         )
-        radar = rail_radar(file.geometry, file.waveform.centre_hz, file.waveform.bandwidth_hz)
-        seen = bodies_along_rail(placed, (-half, half), radar, rays, progress=_told(progress, "radar"))
+        seen = bodies_along_rail(placed, _span(file), _radar(file), rays, progress=_told(progress, "radar"))
     except DataError as error:
         raise PolfuseError(error.what, where=where, advice=error.advice) from error
     return Seen(scene, seen.echoes)
+
+
+def _points_before_antennas_apart(file: SceneFile, where: str) -> RailEchoes | None:
+    if file.geometry.phase_centres is None:
+        return None
+    try:
+        return points_along_rail(file.scene(), _span(file), _radar(file))
+    except DataError as error:
+        raise PolfuseError(error.what, where=where, advice=error.advice) from error
+
+
+def _span(file: SceneFile) -> tuple[float, float]:
+    """x of the rail's ends, m."""
+    return -file.rail.length_m / 2, file.rail.length_m / 2
+
+
+def _radar(file: SceneFile) -> RailRadar:
+    return rail_radar(file.geometry, file.waveform.centre_hz, file.waveform.bandwidth_hz)
 
 
 def rail_radar(geometry: Geometry, centre_hz: float, bandwidth_hz: float) -> RailRadar:

@@ -1,4 +1,4 @@
-"""Bodies as the rig's two eyes see them: echoes all along the radar's rail, and one picture for the camera."""
+"""A scene as the rig's two eyes see it: echoes all along the radar's rail, and one picture for the camera."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ from processing.optics.distortion import NONE
 from processing.raytrace.backward import backward
 from processing.raytrace.sources import RayleighSky, Sun
 from processing.raytrace.view import View
-from processing.scattering.contributions import Contributions, together
+from processing.scattering.contributions import Contributions, of_points, together
 from processing.scattering.rail_echoes import RailEchoes, RailRadar, rail_echoes
 from processing.scattering.rough import rough_points
 from processing.scattering.shooting import Density, shoot
 from processing.scattering.target import Target
+from processing.scene.model import Scene
+from processing.scene.radar_response import scatterers
 from processing.scene.solids import SolidScene
 
 Floats = NDArray[np.float64]
@@ -92,6 +94,26 @@ def bodies_along_rail(
     echoes = rail_echoes(seen, span_m, radar, view_step_m=how.view_step_m, progress=progress)
     counts, sizes, shares = zip(*sent, strict=True)
     return SeenAlongRail(echoes, len(sent), sum(counts), max(sizes), max(shares))
+
+
+def points_along_rail(
+    scene: Scene, span_m: tuple[float, float], radar: RailRadar, *, view_step_m: float = 0.02
+) -> RailEchoes:
+    """What a radar whose antennas are apart receives of points, reflectors and bushes, each way by its own path.
+
+    Args:
+        scene: in rig coordinates.
+        span_m: x of the rail's ends.
+        radar: band and antennas.
+        view_step_m: of the places from which scatterers are looked at; matrices between two are interpolated.
+
+    Raises:
+        DataError: a scene or rail that cannot be simulated.
+    """
+    return rail_echoes(
+        lambda antenna: of_points(*scatterers(scene, antenna, radar.wavelength_m)), span_m, radar,
+        view_step_m=view_step_m,
+    )  # fmt: skip
 
 
 def lit(scene: SolidScene, target: Target, antenna_m: Floats, how: RailRays) -> tuple[Contributions, int, float]:
