@@ -22,7 +22,7 @@ from processing.optics.spectra import FOLDS, filled, folded_shares, frequencies,
 Floats = NDArray[np.float64]
 
 NAMES = {1: "straight lines", 3: "cubic splines", 5: "splines of degree 5"}
-SAFETY_DB = 0.5
+SAFETY_DB = 0.4
 """How far below the tolerance the expected error must be."""
 EQUAL_DB = 0.5
 """Where nothing keeps the tolerance: what is gained by less than that is not worth its time."""

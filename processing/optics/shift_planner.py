@@ -36,9 +36,9 @@ SAFETY_DB = 0.5
 EQUAL_DB = 0.5
 """Where nothing keeps the tolerance: what is gained by less than that is not worth its time."""
 
-MEASURE_NS, AGAIN_NS = 1300.0, 600.0
+MEASURE_NS, AGAIN_NS = 1800.0, 850.0
 """Core time of measuring an image's shift, ns a pixel that is looked at; and of doing so from a shift nearly right."""
-UNDO_NS = {LEFT: 0.0, 1: 25.0, 3: 95.0, 5: 190.0}
+UNDO_NS = {LEFT: 0.0, 1: 110.0, 3: 180.0, 5: 310.0}
 """Core time of undoing it, ns a pixel. Only the order of these times decides."""
 
 PIECE_PX, PIECES = 96, 6
@@ -107,8 +107,8 @@ class RegistrationChoice:
         done = NAMES[LEFT] if self.way.degree == LEFT else f"put in place by {NAMES[self.way.degree]}"
         lines = [f"images {done}: {self.reason}; expected error {self.way.error_db:.1f} dB", self._known()]
         for way in self.ways:
-            if way.name == self.way.name:
-                continue
+            if way.name == self.way.name or (way.whole and way.degree == LEFT):
+                continue  # to leave images where they are, nobody looks closer
             what = NAMES[LEFT] if way.degree == LEFT else f"by {NAMES[way.degree]}"
             if way.whole and not self.way.whole:
                 what += " after measuring the whole picture"
