@@ -36,6 +36,8 @@ from processing.sar.polar_format import polar_format
 from processing.sar.polar_format_geometry import polar_forecast
 from processing.sar.range_migration import range_migration
 from processing.sar.straight_track import straight_track
+from processing.scattering import history
+from processing.scattering.history import Sweep, history_reference, pattern_nodes, phase_history
 from processing.scattering.shooting import Density, settle, shoot
 from processing.scattering.surfaces import CONDUCTOR
 from processing.scattering.target import radar_target
@@ -325,3 +327,24 @@ def test_shifts_between_exposures(shift_px, left_out):
     assert off(placed[1]) < 0.03
     if left_out:
         np.testing.assert_array_equal(placed, light)
+
+
+# The change of a footprint's pattern over the band.
+
+
+@pytest.mark.parametrize(("bandwidth_hz", "left_out"), [(50e3, True), (150e6, False)])
+def test_patterns_of_footprints_over_the_band(bandwidth_hz, left_out, monkeypatch):
+    sweep, antenna = Sweep(1.3e9, bandwidth_hz, 32), np.array([[0.0, -2000.0, 1500.0]])
+    level = radar_target(shapes.patch((-1, -1, 0), (2, 0, 0), (0, 2, 0)), [CONDUCTOR], sweep.wavelength_m)
+    part = shoot(level, antenna[0], np.zeros(3), Density(0.3, 2, 1)).contributions
+    assert (pattern_nodes(part, antenna[0], sweep).max() == 1) == left_out
+    exact = history_reference(part, antenna, np.zeros(3), sweep)
+
+    def off_db():
+        found = phase_history(lambda _: part, antenna, np.zeros(3), sweep).echoes
+        return 20 * np.log10(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+
+    assert off_db() < -50
+    # With the pattern of the centre frequency alone.
+    monkeypatch.setattr(history, "pattern_nodes", lambda part, antenna, sweep: np.ones(len(part), dtype=np.int64))
+    assert (off_db() < -50) == left_out
