@@ -34,6 +34,8 @@ BLOCK_PX = 16
 """Side of the blocks by whose scatter the standard deviation is told, pixels."""
 LEAST_ALIKE = 0.12
 """Correlation of the edges' slopes below which they have nothing in common: that of noise at its best is up to 0.08."""
+LEAST_SD_PX = 1e-3
+"""What gradients between pixels, which splines make, leave of any shift even without noise."""
 REGISTER = ("off", "auto", "on")
 """What :func:`registered` can do."""
 _BORDER_PX = 4
@@ -344,7 +346,7 @@ def _refined(pieces: list[_Piece], down: float, right: float) -> Shift:
             break
     # Misfits are alike over some pixels, by noise that was smoothed or by polarization; blocks are hardly so.
     spread = found.scores @ _inverse(found.trusted, known).T
-    sds = np.where(known, np.sqrt((spread**2).sum(axis=0)), np.inf)
+    sds = np.where(known, np.sqrt((spread**2).sum(axis=0) + LEAST_SD_PX**2), np.inf)
     moved[~known] = 0.0
     return Shift(float(moved[0]), float(moved[1]), float(sds[0]), float(sds[1]))
 
