@@ -152,7 +152,7 @@ def run_replay(directory: Path, request: protocol.Request) -> None:
     plan = parse_plan(request.plan_toml, request.plan_path)
     live = LivePipeline(rig)
     told = (request.rig_toml, request.rig_path, directory, request.plan_toml, request.plan_path)
-    feed = LiveFeed(*told, drain_s=REPLAY_DRAIN_S)
+    feed = LiveFeed(*told, drain_s=REPLAY_DRAIN_S, gives_way=False)
     with Player(request.output, None, speed=request.speed, viewer=Viewers(live, feed)) as player:
 
         def faster(speed: float) -> None:

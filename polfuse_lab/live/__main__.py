@@ -8,14 +8,9 @@ import os
 import signal
 
 from polfuse_lab.engine.children import SIGNALS
-from polfuse_lab.priority import give_way
-
-NICE = 5
-"""Pictures give way to whoever records."""
 
 if __name__ == "__main__":
     faulthandler.enable()
-    give_way(NICE)
     if hasattr(os, "SCHED_BATCH"):
         # Nor does it take the processor from anybody in the middle of something.
         with contextlib.suppress(OSError):

@@ -43,6 +43,7 @@ class LiveFeed:
         plan_toml: text of the plan file; None in set-up mode.
         plan_path: where it came from.
         drain_s: longest that the live process looks at what still waits at the end, s.
+        gives_way: whether others go first: where something is recorded.
     """
 
     fatal: str | None = None
@@ -57,6 +58,7 @@ class LiveFeed:
         plan_path: str = "plan",
         *,
         drain_s: float = 1.0,
+        gives_way: bool = True,
     ) -> None:
         self._drain_s = drain_s
         self._first = {
@@ -67,6 +69,7 @@ class LiveFeed:
             "plan_path": plan_path,
             "directory": str(directory),
             "drain_s": drain_s,
+            "gives_way": gives_way,
         }
         self._waiting: deque[Record] = deque()
         self._bytes = self._frames = 0

@@ -24,6 +24,7 @@ import numpy as np
 from drivers.records import SwitchState, TrolleyFix
 from polfuse_lab.live.board import Board
 from polfuse_lab.plans import Plan, parse_plan
+from polfuse_lab.priority import give_way
 from polfuse_lab.records import Exposure, Observed, Record, Sweeps
 from polfuse_lab.rig import Rig, parse_model
 from polfuse_lab.session import wire
@@ -36,6 +37,8 @@ AUDIO_WAITING = 32
 FRAMES_BEHIND = 2
 """With so many waiting behind it, a frame that is followed by another like it is skipped: the newest is to be seen."""
 HEALTH_EVERY_S = 1.0
+NICE = 5
+"""Pictures give way to whoever records."""
 SWITCH_S = 0.001
 """Longest that one thread has the interpreter while another waits for it: who takes messages in is not kept waiting."""
 
@@ -285,6 +288,8 @@ def main() -> None:
     if first is None:
         return
     told = first[0]
+    if told["gives_way"]:
+        give_way(NICE)
     rig = parse_model(told["rig_toml"], Rig, told["rig_path"])
     plan = None if told["plan_toml"] is None else parse_plan(told["plan_toml"], told["plan_path"])
     process = LiveProcess(rig, plan, Path(told["directory"]))

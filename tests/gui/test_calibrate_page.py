@@ -147,7 +147,7 @@ def test_a_second_constant_takes_the_place_of_the_first() -> None:
     looked._products = Path("none.h5")
     ran: list[object] = []
     original = targets.background.run
-    targets.background.run = lambda work, done, failed: ran.append(work)  # nothing is looked for
+    targets.background.run = lambda asker, work, done, failed: ran.append(work)  # nothing is looked for
     try:
         looked.add(Stated("constant", "trihedral", 0.0, 5.0))
         looked.add(Stated("constant", "plate", 1.0, 6.0))
