@@ -88,7 +88,7 @@ class Collecting:
         """
         if self._after_ns is None or self._clock.arrival_ns(self._first) >= self._after_ns - self._margin_ns:
             return False
-        self._restart(self._clock.first_frame_after(self._after_ns))
+        self._restart(self._clock.frame_surely_after(self._after_ns))
         return True
 
     def _collect(self) -> None:

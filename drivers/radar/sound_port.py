@@ -272,7 +272,7 @@ class SoundPort:
             self._take_in()
             guard_ns = round(self._options.guard_s * 1e9)
             paced = self._options.check_pace
-            first = self._clock.first_frame_after(now_ns + guard_ns) if paced else self._released
+            first = self._clock.frame_surely_after(now_ns + guard_ns) if paced else self._released
             try:
                 samples = np.zeros((frames, CHANNELS), dtype=self._options.sample_format)
             except (MemoryError, ValueError):

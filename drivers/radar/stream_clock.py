@@ -7,6 +7,8 @@ arrive with the least delay is a straight line in n: the lower envelope of all a
 * A stall that is caught up loses nothing; after a loss every later frame stays late by the same amount. When the
   least lateness over half a second stays above a threshold, that much is missing, whether or not the host API set its
   overflow flag (PulseAudio never does).
+* A server that falls behind by a steady amount looks the same until it catches up. So a loss that no other witness
+  confirms is doubted until then: records begin with frames that were sampled late enough in either case.
 
 The ADC time, where its own jitter is small, refines the size of a loss; it never decides, since some host APIs report
 ADC times that are hundreds of milliseconds off.
@@ -58,6 +60,8 @@ class StreamClock:
         self.losses: list[Loss] = []
         self.lost = 0
         self._suspects: list[tuple[Arrival, float, float]] = []
+        self._doubted_s = 0.0
+        self._doubted_from = 0
         self._drift_from_ns = 0
         self._drift_least_s = math.inf
         self._flagged: deque[Arrival] = deque(maxlen=1024)
@@ -122,6 +126,11 @@ class StreamClock:
             frame = max(frame - loss.frames, loss.first)
         return max(frame, 0)
 
+    def frame_surely_after(self, t_ns: int) -> int:
+        """As :meth:`first_frame_after`, also if what seems to be lost is only late and will be caught up."""
+        frame = self.first_frame_after(t_ns)
+        return frame if frame < self._doubted_from else frame + math.ceil(self._doubted_s * self._rate)
+
     def add(self, arrival: Arrival) -> None:
         """Take note of one callback; callbacks come in order."""
         self._end = end = arrival.first + arrival.frames
@@ -138,6 +147,8 @@ class StreamClock:
         since_ns = arrival.host_ns - self._reference_ns
         late_s = (since_ns - self._origin_ns) * 1e-9 - (end + self.lost) / self._rate
         if late_s < 0:
+            # Nothing comes early: what was taken for lost was late, and is being caught up.
+            self._doubted_s = max(self._doubted_s + late_s, 0.0)
             self._origin_ns += late_s * 1e9
             late_s = 0.0
         if self._suspects or late_s > LOSS_THRESHOLD_S or arrival.overflow:
@@ -165,6 +176,10 @@ class StreamClock:
         where, _, adc_jump_s = self._suspects[at]
         if abs(adc_jump_s - missing_s) < LOSS_THRESHOLD_S:
             missing_s = adc_jump_s
+        elif not any(arrival.overflow for arrival, _, _ in self._suspects):
+            if self._doubted_s == 0:
+                self._doubted_from = where.first
+            self._doubted_s += max(missing_s, 0.0)
         frames = max(round(missing_s * self._rate), 1)
         if self._whole_blocks and (blocks := round(frames / where.frames)):
             frames = blocks * where.frames

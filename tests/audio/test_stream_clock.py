@@ -30,6 +30,11 @@ class Card:
         self.clock.add(Arrival(self.received, BLOCK, host_ns, age, overflow))
         self.received += BLOCK
 
+    def run_late(self, late_s: float, blocks: int) -> None:
+        """Blocks that are all as late."""
+        for _ in range(blocks):
+            self.block(late_s)
+
     def run(self, blocks: int, rng: np.random.Generator | None = None) -> None:
         for _ in range(blocks):
             self.block(0.0 if rng is None else float(rng.exponential(0.003)))
@@ -88,6 +93,32 @@ def test_a_long_stall_amid_jitter_loses_nothing(seed: int, stall_s: float) -> No
         late -= BLOCK / RATE * (1 - 1e-3)  # a quick burst, not an instant
     card.run(100, rng)
     assert clock.lost == 0
+
+
+@pytest.mark.parametrize("witnessed", [False, True])
+def test_a_server_that_falls_behind_and_catches_up_is_doubted_meanwhile(witnessed: bool) -> None:
+    """Late by a steady 0.575 s for two seconds looks like a loss; frames asked for then are sampled after it all the
+    same, and at once again when it has caught up. What the host API itself flags as lost is not doubted."""
+    clock = StreamClock(RATE)
+    card = Card(clock)
+    card.run(200)
+    for number in range(200):
+        card.block(0.575, overflow=witnessed and number == 0)
+    assert clock.lost == pytest.approx(0.575 * RATE, rel=0.01)
+    now_ns = START_NS + round(card.sampled / RATE * 1e9) + round(0.575e9)
+    sampled_at = now_ns * 1e-9 - START_NS * 1e-9
+    # Nothing is lost in truth: frame n is sampled at n / RATE.
+    sure = clock.frame_surely_after(now_ns)
+    if witnessed:
+        assert sure == clock.first_frame_after(now_ns)
+    else:
+        assert sure >= sampled_at * RATE - 1
+        assert sure < (sampled_at + 0.02) * RATE
+    for late_s in (0.45, 0.2, 0.05, 0.0):
+        card.run_late(late_s, 20)
+    now_ns = START_NS + round(card.sampled / RATE * 1e9)
+    if not witnessed:
+        assert clock.frame_surely_after(now_ns) == pytest.approx(card.sampled, abs=0.01 * RATE)
 
 
 @pytest.mark.parametrize("ppm", [-300, -20, 20, 300])
