@@ -28,6 +28,8 @@ ONSET_TOLERANCE_S = 0.002
 DRIFT_WINDOW_S = 1.0
 PATIENCE_S = 5.0
 ADC_JITTER_S = 0.0005
+MOST_BEHIND_S = 2.0
+"""Longest that a sound server holds back what it will still deliver; more than that is not waited for."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +181,7 @@ class StreamClock:
         elif not any(arrival.overflow for arrival, _, _ in self._suspects):
             if self._doubted_s == 0:
                 self._doubted_from = where.first
-            self._doubted_s += max(missing_s, 0.0)
+            self._doubted_s = min(self._doubted_s + max(missing_s, 0.0), MOST_BEHIND_S)
         frames = max(round(missing_s * self._rate), 1)
         if self._whole_blocks and (blocks := round(frames / where.frames)):
             frames = blocks * where.frames

@@ -147,13 +147,15 @@ def test_a_later_step_of_a_session_is_sought(watched):
             assert time.monotonic() - asked < 60
         reached = status.step
         # What came before is shown as soon as the live process is; meanwhile the replay does not run away.
-        while view.newest("profile.HH") is None or view.newest("health") is None:
+        while view.newest("profile.HH") is None:
             status = client.poll(0.1) or status
             assert time.monotonic() - asked < 60
         assert status.step <= reached + 10 < status.steps
         # Nothing is recorded: the live process gives way to nobody.
-        pid = view.newest("health").values["pid"]
-        assert os.getpriority(os.PRIO_PROCESS, pid) == os.getpriority(os.PRIO_PROCESS, os.getpid())
+        while (health := view.newest("health")) is None:
+            client.poll(0.1)
+            assert time.monotonic() - asked < 60
+        assert os.getpriority(os.PRIO_PROCESS, health.values["pid"]) == os.getpriority(os.PRIO_PROCESS, os.getpid())
         client.seek(10**6)
         while client.finished is None:
             client.poll(0.02)
