@@ -5,6 +5,7 @@ Shapes have closed forms (their edges are error functions of the distance), so t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,10 +87,14 @@ def random_stokes(rng: np.random.Generator, size: int) -> Floats:
     slope, blur = float(rng.uniform(1, 4)), float(rng.uniform(0.3, 1.0))
     stokes *= np.clip(1 + rng.uniform(0.03, 0.4) * random_field(rng, size, slope, blur), 0.05, None)
     contrast = 0.4 * rng.uniform() * rng.uniform() ** 1.5
-    parts = [stokes[k] / stokes[0] + contrast * random_field(rng, size, slope, blur) for k in (1, 2)]
+    return polarized(stokes, [contrast * random_field(rng, size, slope, blur) for _ in range(2)])
+
+
+def polarized(stokes: Floats, more: Sequence[Floats]) -> Floats:
+    """Stokes parameters (3, rows, columns) with so much added to S1 / S0 and S2 / S0; DOLP stays below 0.95."""
+    parts = [own / stokes[0] + added for own, added in zip(stokes[1:], more, strict=True)]
     limit = stokes[0] * np.minimum(1.0, 0.95 / np.maximum(np.hypot(*parts), 1e-9))
-    stokes[1], stokes[2] = parts[0] * limit, parts[1] * limit
-    return stokes
+    return np.stack([stokes[0], parts[0] * limit, parts[1] * limit])
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.planner_scenes import Shape, painted, random_shapes
+from benchmarks.planner_scenes import Shape, painted, polarized, random_shapes
 
 Floats = NDArray[np.float64]
 
@@ -66,9 +66,7 @@ class Scene:
         if self.textures:
             first, *others = (texture.at(down, right) for texture in self.textures)
             stokes *= np.clip(1 + self.strength * first, 0.05, None)
-            parts = [stokes[k] / stokes[0] + self.contrast * other for k, other in zip((1, 2), others, strict=True)]
-            limit = stokes[0] * np.minimum(1.0, 0.95 / np.maximum(np.hypot(*parts), 1e-9))
-            stokes[1], stokes[2] = parts[0] * limit, parts[1] * limit
+            stokes = polarized(stokes, [self.contrast * other for other in others])
         return stokes
 
 

@@ -18,14 +18,13 @@ from processing.errors import DataError
 from processing.fusion.resampling import DEGREES, noise_between, passed, power_between
 from processing.optics.pieces import spread_pieces
 from processing.optics.spectra import FOLDS, filled, folded_shares, frequencies, power_spectrum
+from processing.tolerances import cheapest_within, check_tolerance, reason
 
 Floats = NDArray[np.float64]
 
 NAMES = {1: "straight lines", 3: "cubic splines", 5: "splines of degree 5"}
 SAFETY_DB = 0.4
 """How far below the tolerance the expected error must be."""
-EQUAL_DB = 0.5
-"""Where nothing keeps the tolerance: what is gained by less than that is not worth its time."""
 
 PIXEL_NS = {1: 0.0, 3: 60.0, 5: 90.0}
 SAMPLE_NS = {1: 150.0, 3: 170.0, 5: 330.0}
@@ -54,11 +53,8 @@ class ResamplingChoice:
     @property
     def reason(self) -> str:
         """In a few words."""
-        if self.kept:
-            return f"the fastest within {self.tolerance_db:g} dB"
-        if self.predicted_error_db > min(self.considered.values()):
-            return f"nothing on offer keeps {self.tolerance_db:g} dB; none is better by {EQUAL_DB:g} dB"
-        return f"nothing on offer keeps {self.tolerance_db:g} dB: the most exact"
+        errors = list(self.considered.values())
+        return reason(self.predicted_error_db, errors, self.tolerance_db, kept=self.kept)
 
     def explain(self) -> list[str]:
         """The choice in words."""
@@ -119,13 +115,9 @@ def choose_resampling(planes: ArrayLike, tolerance_db: float, *, variance: Array
     Raises:
         DataError: a tolerance that is no negative number, and as :func:`resampling_errors_db`.
     """
-    if not (tolerance_db < 0 and math.isfinite(tolerance_db)):
-        raise DataError(f"a tolerance of {tolerance_db:g} dB is no error below the picture", "give a negative number")
+    check_tolerance(tolerance_db, "picture")
     considered = resampling_errors_db(planes, variance)
-    within = [degree for degree, error in considered.items() if error <= tolerance_db - SAFETY_DB]
-    best = min(considered.values())
-    degree = within[0] if within else next(n for n, error in considered.items() if error <= best + EQUAL_DB)
-    error = considered[degree]
+    degree, error = list(considered.items())[cheapest_within(list(considered.values()), tolerance_db, SAFETY_DB)]
     return ResamplingChoice(degree, error, tolerance_db, error <= tolerance_db, considered)
 
 

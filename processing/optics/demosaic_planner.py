@@ -20,6 +20,7 @@ from processing.errors import DataError
 from processing.optics.demosaic import METHODS, demosaic_by
 from processing.optics.mosaic import Mosaic, check_mosaic_image, through_planes
 from processing.optics.pieces import spread_pieces
+from processing.tolerances import cheapest_within, check_tolerance, reason
 
 Floats = NDArray[np.float64]
 
@@ -28,8 +29,6 @@ COST_NS = {"bilinear": 10.0, "newton": 340.0, "residual": 700.0}
 SAFETY_DB = 0.5
 """How far below the tolerance the expected error must be: more would keep a few more tolerances, and cost more time
 than that is worth."""
-EQUAL_DB = 0.5
-"""Where nothing keeps the tolerance: what is gained by less than that is not worth its time."""
 
 NOISE_SHARE = {"bilinear": 9 / 16, "newton": 0.63, "residual": 9 / 16}
 """Variance of white noise in the planes over that of a sample: mean over pixels; bilinear (1 + 1/2 + 1/2 + 1/4) / 4."""
@@ -64,12 +63,8 @@ class DemosaicChoice:
     @property
     def reason(self) -> str:
         """In a few words."""
-        if self.kept:
-            return f"the fastest within {self.tolerance_db:g} dB"
-        best = min(self.considered.values())
-        if self.predicted_error_db > best:
-            return f"nothing on offer keeps {self.tolerance_db:g} dB; none is better by {EQUAL_DB:g} dB"
-        return f"nothing on offer keeps {self.tolerance_db:g} dB: the most exact"
+        errors = list(self.considered.values())
+        return reason(self.predicted_error_db, errors, self.tolerance_db, kept=self.kept)
 
     def explain(self) -> list[str]:
         """The choice in words."""
@@ -152,19 +147,16 @@ def choose_demosaicer(
     Raises:
         DataError: a tolerance that is no negative number, and as :func:`demosaic_errors_db`.
     """
-    if not (tolerance_db < 0 and math.isfinite(tolerance_db)):
-        raise DataError(f"a tolerance of {tolerance_db:g} dB is no error below the light", "give a negative number")
+    check_tolerance(tolerance_db, "light")
     errors = demosaic_errors_db(image, mosaic, variance)
     order = sorted(METHODS, key=COST_NS.__getitem__)
     considered = {name: errors[name] for name in order}
-    within = [name for name in order if errors[name] <= tolerance_db - SAFETY_DB]
-    best = min(considered.values())
-    method = within[0] if within else next(name for name in order if errors[name] <= best + EQUAL_DB)
+    method = order[cheapest_within([errors[name] for name in order], tolerance_db, SAFETY_DB)]
     return DemosaicChoice(
         method=method,
         predicted_error_db=errors[method],
         tolerance_db=tolerance_db,
-        kept=bool(within) or errors[method] <= tolerance_db,
+        kept=errors[method] <= tolerance_db,
         noise_db=errors[f"noise {method}"],
         seconds=1e-9 * COST_NS[method] * np.asarray(image).size,
         considered=considered,

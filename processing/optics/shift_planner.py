@@ -24,6 +24,7 @@ from processing.fusion.resampling import DEGREES, passed_at
 from processing.optics.pieces import spread_pieces
 from processing.optics.shifts import LARGEST_PX, STILL, Shift, measure_shift
 from processing.optics.spectra import FOLDS, above_noise, filled, folded_shares, frequencies, power_spectrum
+from processing.tolerances import cheapest_within, check_tolerance, reason
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -33,8 +34,6 @@ LEFT = 0
 NAMES = {LEFT: "left where they are", 1: "straight lines", 3: "cubic splines", 5: "splines of degree 5"}
 SAFETY_DB = 0.5
 """How far below the tolerance the expected error must be."""
-EQUAL_DB = 0.5
-"""Where nothing keeps the tolerance: what is gained by less than that is not worth its time."""
 
 MEASURE_NS, AGAIN_NS = 1800.0, 850.0
 """Core time of measuring an image's shift, ns a pixel that is looked at; and of doing so from a shift nearly right."""
@@ -96,11 +95,8 @@ class RegistrationChoice:
     @property
     def reason(self) -> str:
         """In a few words."""
-        if self.kept:
-            return f"the cheapest within {self.tolerance_db:g} dB"
-        if self.way.error_db > min(way.error_db for way in self.ways):
-            return f"nothing on offer keeps {self.tolerance_db:g} dB; none is better by {EQUAL_DB:g} dB"
-        return f"nothing on offer keeps {self.tolerance_db:g} dB: the most exact"
+        errors = [way.error_db for way in self.ways]
+        return reason(self.predicted_error_db, errors, self.tolerance_db, kept=self.kept)
 
     def explain(self) -> list[str]:
         """The choice in words."""
@@ -230,8 +226,7 @@ def choose_registration(
     Raises:
         DataError: a tolerance that is no negative number, a smaller picture than :data:`LEAST_PX`, or no light.
     """
-    if not (tolerance_db < 0 and math.isfinite(tolerance_db)):
-        raise DataError(f"a tolerance of {tolerance_db:g} dB is no error below the images", "give a negative number")
+    check_tolerance(tolerance_db, "images")
     if light.ndim != 3 or min(light.shape[1:]) < LEAST_PX:
         raise DataError(f"images of shape {light.shape}", f"give rows and columns, at least {LEAST_PX} each")
     windows = tuple(spread_pieces(light.shape[1:], PIECE_PX, PIECES))
@@ -296,7 +291,5 @@ def _ways(
 
 def _chosen(ways: list[Way], shifts: tuple[Shift, ...], tolerance_db: float, looked_at: str) -> RegistrationChoice:
     ways = sorted(ways, key=lambda way: way.seconds)
-    within = [way for way in ways if way.error_db <= tolerance_db - SAFETY_DB]
-    best = min(way.error_db for way in ways)
-    way = within[0] if within else next(one for one in ways if one.error_db <= best + EQUAL_DB)
+    way = ways[cheapest_within([way.error_db for way in ways], tolerance_db, SAFETY_DB)]
     return RegistrationChoice(way, shifts, tolerance_db, way.error_db <= tolerance_db, looked_at, tuple(ways))

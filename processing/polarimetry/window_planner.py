@@ -16,6 +16,7 @@ import numpy as np
 from processing.errors import DataError
 from processing.polarimetry.averaging import window_average
 from processing.polarimetry.matrices import Planes, as_planes
+from processing.tolerances import check_tolerance
 
 WINDOWS = (1, 3, 5, 7, 9, 11, 13, 15, 17, 21, 25, 31)
 """Widths that are chosen from, pixels."""
@@ -89,8 +90,7 @@ def choose_window(planes: Planes, tolerance_db: float, *, looks: float = 1.0) ->
     Raises:
         DataError: a tolerance that is no negative number, and as :func:`speckle_error_db`.
     """
-    if not (tolerance_db < 0 and math.isfinite(tolerance_db)):
-        raise DataError(f"a tolerance of {tolerance_db:g} dB is no error below the matrices", "give a negative number")
+    check_tolerance(tolerance_db, "matrices")
     single = speckle_error_db(planes, looks)
     considered = tuple((width, single - 20 * math.log10(width)) for width in WINDOWS)
     for width, error in considered:

@@ -24,6 +24,7 @@ from processing.raytrace.picture import LeftOut, Picture, unmet_limit
 from processing.raytrace.sources import KIND, SIZE, Kind
 from processing.raytrace.view import View
 from processing.raytrace.world import World
+from processing.tolerances import check_tolerance
 
 Floats = NDArray[np.float64]
 
@@ -135,8 +136,7 @@ def trace_to(
     Raises:
         DataError: a tolerance that is no negative number, or a Mueller picture of several sources.
     """
-    if not (tolerance_db < 0 and math.isfinite(tolerance_db)):
-        raise DataError(f"a tolerance of {tolerance_db:g} dB is no error below the picture", "give a negative number")
+    check_tolerance(tolerance_db, "picture")
     if mueller and len(world.sources) != 1:
         raise DataError(
             f"a Mueller picture of {len(world.sources)} sources mixes their frames", "simulate one source at a time"

@@ -30,6 +30,7 @@ from processing.sar.focus_costs import (
 from processing.sar.focus_errors import ghost_share, predicted_error_db
 from processing.sar.grid import ImageGrid
 from processing.sar.polar_format_geometry import PolarForecast
+from processing.tolerances import check_tolerance
 
 if TYPE_CHECKING:
     from processing.sar.factorized_settings import FactorizedChoice
@@ -243,8 +244,7 @@ def choose(task: Task, tolerance_db: float, method: str = "auto") -> Choice:
     """
     if method not in METHODS:
         raise DataError(f"there is no focusing method {method!r}", f"choose one of {', '.join(METHODS)}")
-    if not (tolerance_db < 0 and math.isfinite(tolerance_db)):
-        raise DataError(f"a tolerance of {tolerance_db:g} dB is no error below the image", "give a negative number")
+    check_tolerance(tolerance_db, "image")
     if min(task.pixels, task.pulses, task.channels) < 1:
         raise DataError("there is nothing to focus", "give pixels, pulses and channels")
     offered = choices(task, tolerance_db, method)

@@ -25,6 +25,7 @@ from processing.scattering.shooting import Density, shoot
 from processing.scattering.target import Target
 from processing.scene.radar_simulation import RadarLook
 from processing.scene.solids import SolidScene
+from processing.tolerances import check_tolerance
 
 Echoes = NDArray[np.complex64]
 Floats = NDArray[np.float64]
@@ -124,8 +125,7 @@ def plan_radar(scene: SolidScene, look: RadarLook, tolerance_db: float) -> Radar
         DataError: a tolerance that is no negative number, a scene that returns nothing, or one that cannot be
             simulated.
     """
-    if not (tolerance_db < 0 and math.isfinite(tolerance_db)):
-        raise DataError(f"a tolerance of {tolerance_db:g} dB is no error below the picture", "give a negative number")
+    check_tolerance(tolerance_db, "picture")
     pilot = _Pilot(scene, look)
     allowed = 10 ** ((tolerance_db - SAFETY_DB) / 20)
     unknown = math.hypot(pilot.refine(TRUTH_SHARE * allowed), pilot.tail())

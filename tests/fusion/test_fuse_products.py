@@ -61,7 +61,7 @@ def test_a_tolerance_chooses_how_to_look_between_pixels(products: Path) -> None:
     assert "preview, field, paper" in ran.output
     made = fuse(products, tolerance_db=-1.0)
     assert made.resampling is not None
-    assert "by straight lines: the fastest within -1 dB" in made.resampling.explain()[0]
+    assert "by straight lines: the cheapest within -1 dB" in made.resampling.explain()[0]
     by_lines = Products(products).read("fusion")["s0_on_ground"]
     made = fuse(products, tolerance_db=-250.0)
     assert made.resampling is not None

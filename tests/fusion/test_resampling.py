@@ -82,7 +82,7 @@ def test_the_cheapest_that_keeps_the_tolerance() -> None:
     assert choose_resampling(seen.planes, errors[1] + 2, variance=seen.variance).degree == 1
     choice = choose_resampling(seen.planes, errors[3] + 2, variance=seen.variance)
     assert (choice.degree, choice.kept) == (3, True)
-    assert "cubic splines: the fastest" in choice.explain()[0]
+    assert "cubic splines: the cheapest" in choice.explain()[0]
     assert choice.explain()[1].startswith("not by straight lines")
     # Noise alone: straight lines average more of it, and nothing keeps the tolerance.
     noise = 100 + np.random.default_rng(1).normal(size=(64, 64))

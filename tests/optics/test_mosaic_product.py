@@ -129,7 +129,7 @@ def test_a_tolerance_chooses_the_demosaicer_and_the_product_says_why(scene: Path
     words = ["optics", str(path), "-o", str(tmp_path / "p.h5")]
     ran = CliRunner().invoke(build(), [*words, "--tolerance=-3", "--json"])
     assert ran.exit_code == 0, ran.output
-    assert "demosaicer bilinear: the fastest within -3 dB" in json.loads(ran.stdout)["explanation"][0]
+    assert "demosaicer bilinear: the cheapest within -3 dB" in json.loads(ran.stdout)["explanation"][0]
     settings = Products(tmp_path / "p.h5").settings("optics")
     assert (settings["demosaic"], settings["tolerance_db"], settings["tolerance_kept"]) == ("bilinear", -3.0, True)
     assert settings["predicted_error_db"] < -5
