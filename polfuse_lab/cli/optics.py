@@ -117,8 +117,9 @@ def optics(
         camera_of(opened)
         active = is_active(opened)
     if active:
-        if tolerance_db is not None:
-            raise typer.BadParameter("the active mode has nothing to choose", param_hint="--tolerance")
+        given = {"--tolerance": tolerance, "--register": register, "--demosaic": demosaic}
+        for option in (name for name, value in given.items() if value is not None):
+            raise typer.BadParameter("the active mode has nothing to choose", param_hint=option)
         from polfuse_lab.products.optics_active import active_optics
 
         values, text = _of_active(active_optics(session, output, figure=drawing, corrections=correct))

@@ -109,8 +109,8 @@ def optics(
             (:func:`processing.optics.shift_planner.choose_registration`).
 
     Raises:
-        PolfuseError: a file that cannot be used, a session without camera or without frames, or one of the active mode
-            (:func:`polfuse_lab.products.optics_active.active_optics`).
+        PolfuseError: a file that cannot be used, a session without camera or without frames, one of the active mode
+            (:func:`polfuse_lab.products.optics_active.active_optics`), or an option that is nothing to its camera.
         DataError: frames that do not determine S0, S1 and S2.
     """
     if demosaic is not None and tolerance_db is not None:
@@ -127,6 +127,7 @@ def optics(
                 where=str(session.path),
                 advice="make the active mode's channels of it, as 'polfuse optics' does by itself",
             )
+        _refuse_what_does_not_apply(camera, session.path, register, demosaic)
         refuse_changes(session)
         stack = stacked(session, camera, usable_frames(session))
         found, analysers = (Corrections(), None) if corrections is None else load_corrections(corrections)
@@ -196,6 +197,21 @@ def optics(
         composite=composite,
         choice=choice,
     )
+
+
+def _refuse_what_does_not_apply(camera: CameraSection, path: Path, register: str | None, demosaic: str | None) -> None:
+    if camera.has_mosaic and register not in (None, "off"):
+        raise PolfuseError(
+            "a mosaic sees every angle at once: there are no images to put in place",
+            where=str(path),
+            advice="leave --register out",
+        )
+    if not camera.has_mosaic and demosaic is not None:
+        raise PolfuseError(
+            "was taken with a turning polarizer: there is no mosaic to interpolate",
+            where=str(path),
+            advice="leave --demosaic out",
+        )
 
 
 def pinhole(camera: CameraSection) -> Pinhole:

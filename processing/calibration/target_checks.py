@@ -26,6 +26,9 @@ LARGEST_CROSS_DB = -8.0
 DEAD = 1e-3
 """Amplitude of a channel over its partner's (HH and VV, HV and VH) below which it is dead, and of a pair over the
 strongest channel below which it is too weak to be judged."""
+LEAST_JUDGED = 0.5
+"""Amplitude that a target returns in a pair of channels, of its whole, from which on they are judged: what crosstalk
+alone brings into a pair may be as good as nothing in one of the two."""
 LARGEST_RCS_ERROR_DB = 3.0
 """By which a target's RCS may differ from the other targets', beyond three standard deviations."""
 
@@ -66,7 +69,10 @@ def check_orientation(kind: str, values: ArrayLike, fold_rad: float = 0.0) -> Ve
     if not np.isfinite(seen).all():
         return Verdict(False, f"a channel of the {kind} is undefined", "record it again with all four channels")
     size = np.abs(seen)
-    for one, other in ((0, 3), (1, 2)):
+    own = 2 * fold_rad if kind == "dihedral" else 0.0
+    for one, other, returned in ((0, 3, np.cos(own)), (1, 2, np.sin(own))):
+        if abs(returned) < LEAST_JUDGED:
+            continue
         low, high = sorted((one, other), key=lambda channel: float(size[channel]))
         seen_at_all = size[high] > DEAD * size.max()
         if not size.max() > 0 or (seen_at_all and not size[low] > DEAD * size[high]):

@@ -40,6 +40,13 @@ def test_good_targets_pass_in_spite_of_crosstalk(seed, target) -> None:
     assert not verdict.reason
 
 
+def test_a_channel_that_only_crosstalk_reaches_may_be_empty() -> None:
+    """With one antenna that leaks and one that does not, VH of a trihedral is crosstalk and HV is nothing at all."""
+    assert check_orientation("trihedral", [1.0, 0.0, 0.1, 1.0]).ok
+    assert check_orientation("dihedral", [-1.0, 0.0, 0.1, 1.0], np.pi / 2).ok
+    assert check_orientation("dihedral", [0.1, 1.0, 1.0, 0.0], np.pi / 4).ok
+
+
 @pytest.mark.parametrize(
     ("kind", "fold", "s", "words"),
     [

@@ -171,6 +171,18 @@ def test_a_tolerance_has_images_put_in_place_and_the_product_says_why(displaced,
         assert "Traceback" not in ran.output
     with pytest.raises(PolfuseError, match="a tolerance chooses how images are put in place; leave --register out"):
         optics(session, tmp_path / "p.h5", register="auto", tolerance_db=-30.0)
+    with pytest.raises(PolfuseError, match="there is no mosaic to interpolate; leave --demosaic out"):
+        optics(session, tmp_path / "p.h5", demosaic="newton")
+
+
+def test_shifts_of_a_mosaic_are_not_asked_for_in_vain(tmp_path: Path) -> None:
+    image = through_mosaic(np.array(uniform()), parse_mosaic("90-45-135-0"), 300.0)
+    session = write_session(tmp_path / "s.h5", [Exposure(frame(image, 1), 0.0)], rig=rig("90-45-135-0"))
+    for register in ("on", "auto"):
+        with pytest.raises(PolfuseError, match="there are no images to put in place; leave --register out"):
+            optics(session, tmp_path / "p.h5", register=register)
+    assert not (tmp_path / "p.h5").exists()
+    assert optics(session, tmp_path / "p.h5", register="off").shifts == []
 
 
 @pytest.mark.parametrize("demosaic", ["bilinear", "newton", "residual"])
@@ -234,6 +246,11 @@ def test_the_active_mode_gives_its_four_channels(tmp_path: Path, mosaic: str) ->
     np.testing.assert_allclose(arrays["pauli"][2], arrays["intensities"][0] + arrays["intensities"][3], rtol=1e-5)
     np.testing.assert_array_equal(image_of(Products(tmp_path / "p.h5")).dolp, arrays["dolp"])
     assert [picture.name for picture in stage_pictures(Products(tmp_path / "p.h5"))] == ["active_optics"]
+    for name, value in (("--tolerance", "field"), ("--register", "auto"), ("--demosaic", "newton")):
+        ran = CliRunner().invoke(build(), ["optics", str(session), "-o", str(tmp_path / "q.h5"), name, value])
+        assert ran.exit_code == 2
+        assert "nothing to choose" in ran.output
+        assert name in ran.output
 
 
 @pytest.mark.parametrize("mosaic", ["none", "90-45-135-0"])
