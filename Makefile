@@ -6,13 +6,14 @@ BIN := $(VENV)/bin
 DEMO_OUT ?= demo_out
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: translations help docs setup system system-test gentl demo demo-quick test lint types imports unit checks producer test-slow peers clean constraints
+.PHONY: translations help docs setup system system-test gentl demo demo-quick test lint types imports unit checks producer test-slow explore peers clean constraints
 
 help:
 	@echo "make demo        a whole collect on a simulated rig, focused, calibrated, fused: $(DEMO_OUT)/report.html"
 	@echo "make demo-quick  the same with fewer positions (under 40 s)"
 	@echo "make test        lint, types, import rules and all tests"
 	@echo "make test-slow   losses of many seconds, clock drift and the like"
+	@echo "make explore     properties of the numerics with other examples each time, ROUNDS of them (5)"
 	@echo "make peers       every comparison with other people's programs, as one table (those that are installed)"
 	@echo "make docs        web pages of docs/ and of every module: build/docs/index.html"
 	@echo "make setup       only the environment"
@@ -87,6 +88,12 @@ docs: $(BIN)/.ready
 # Tests that take long: clock drift, losses of many seconds.
 test-slow: setup
 	$(BIN)/pytest -m slow
+
+# Properties with other examples each time; what fails is printed with its example, and is worth a test of its own.
+explore: setup
+	for round in $$(seq $(or $(ROUNDS),5)); do \
+	  $(BIN)/pytest -n 2 -q -m "hypothesis and not slow and not realtime" --hypothesis-profile explore || exit 1; \
+	done
 
 # Programs that are missing are told, not compared; QUICK=--quick takes a short version of each.
 peers: setup

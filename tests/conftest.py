@@ -6,6 +6,12 @@ import itertools
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# A run of the tests gives the same result twice; other examples are sought by make explore.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.register_profile("explore", deadline=None, print_blob=True)
+settings.load_profile("repeatable")
 
 REAL_TIME = {
     "audio",

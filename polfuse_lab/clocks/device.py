@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polfuse_lab.clocks.line import CommonRate, fit_lines
-from polfuse_lab.clocks.pieces import LEAST_JUMP_S, clock_pieces
+from polfuse_lab.clocks.pieces import LEAST_APART_S, LEAST_JUMP_S, clock_pieces
 
 REJECT_SIGMA = 4.0
 """Pairs so many robust standard deviations from the line are left out, unless the round trips explain it."""
@@ -232,7 +232,7 @@ def _theil_sen(x: Floats, y: Floats, piece: NDArray[np.intp]) -> float:
         x, y, piece = x[pick], y[pick], piece[pick]
     i, j = np.triu_indices(len(x), 1)
     dx = x[j] - x[i]
-    apart = (dx != 0) & (piece[i] == piece[j])
+    apart = (np.abs(dx) > LEAST_APART_S) & (piece[i] == piece[j])
     return float(np.median((y[j] - y[i])[apart] / dx[apart])) if apart.any() else 0.0
 
 

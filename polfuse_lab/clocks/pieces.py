@@ -19,6 +19,8 @@ LEAST_GOOD = 0.5
 """Share of the pairs on each side that must agree; two of them at least."""
 LEAST_BETWEEN = 4
 """Fewest pairs between two jumps."""
+LEAST_APART_S = 1e-12
+"""Readings of a device's clock that are no further apart are one instant: no slope between them means anything."""
 
 _LATE = 4.0
 """A pair whose round trip is so many times the median says nothing of jumps."""
@@ -62,7 +64,8 @@ def _jumps(x: NDArray[np.float64], y: NDArray[np.float64], trip: NDArray[np.floa
         return []
     x, y = x[telling], y[telling]
     steps, spans = np.diff(y), np.diff(x)
-    rate = float(np.median(steps[spans > 0] / spans[spans > 0])) if (spans > 0).any() else 0.0
+    on = spans > LEAST_APART_S
+    rate = float(np.median(steps[on] / spans[on])) if on.any() else 0.0
     steps = np.abs(steps - rate * spans)
     least = max(4 * 1.4826 * float(np.median(steps)), LEAST_JUMP_S)
     jumps: list[int] = []
@@ -115,5 +118,6 @@ def _slopes(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float6
     """Slopes between all pairs of points at different places."""
     i, j = np.triu_indices(len(x), 1)
     dx = x[j] - x[i]
-    slopes: NDArray[np.float64] = (y[j] - y[i])[dx != 0] / dx[dx != 0]
+    apart = np.abs(dx) > LEAST_APART_S
+    slopes: NDArray[np.float64] = (y[j] - y[i])[apart] / dx[apart]
     return slopes

@@ -125,6 +125,8 @@ def test_a_single_wrong_pair_is_no_jump():
 )
 @example(rows=[(0.0, 0, 0)] * 7 + [(2.8e-217, 0, 0)])  # squares of residuals that are too small for a float
 @example(rows=[(0.0, 0, 10**6)] * 7 + [(2.8e-217, 0, 10**6)])
+@example(rows=[(0.0, 0, 0)] * 3 + [(2.2250738585e-313, 40_001, 0)])  # a slope that is too large for a float
+@example(rows=[(0.0, 0, 0)] * 3 + [(2.2250738585e-313, 40_001, 1_000_001)])
 def test_whatever_the_pairs_the_answer_is_a_number(rows):
     # Nonsense in a damaged file must not become an exception or a NaN.
     device, host, trip = (np.array(column) for column in zip(*rows, strict=True))
