@@ -6,8 +6,11 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 
 from benchmarks.warehouse_fusion import CLASSES, SUN_RAD, Fused, fuse, grid_320x150
 from polfuse_lab.products.fused_colours import colour_of_class, fused_rgb
@@ -71,15 +74,21 @@ def yard_figure(fused: Fused) -> Figure:
         else:
             top = 1.0 if picture is s0 else 0.2
             shown = panel.imshow(picture, vmin=0, vmax=top, cmap="gray" if picture is s0 else "viridis", **place)
-            figure.colorbar(shown, ax=panel, shrink=0.8)
+            _beside(panel, shown)
     for panel, truth in zip(axes.flat[4:], (fused.bodies, fused.mechanisms), strict=True):
         shown = panel.imshow(
             np.where(truth < 0, np.nan, truth), vmin=-0.5, vmax=2.5, cmap=ListedColormap(CLASS_COLOURS), **place
         )
-        bar = figure.colorbar(shown, ax=panel, ticks=range(3), shrink=0.8)
-        bar.set_ticklabels(CLASSES)
+        bar = _beside(panel, shown)
+        bar.set_ticks(list(range(3)), labels=CLASSES)
         panel.set_xlabel("x, m")
     return figure
+
+
+def _beside(panel: Axes, shown: AxesImage) -> Colorbar:
+    """A colour bar in the margin beside a panel: panels stay below one another, with a bar or without."""
+    assert isinstance(panel.figure, Figure)
+    return panel.figure.colorbar(shown, cax=panel.inset_axes((1.03, 0.1, 0.03, 0.8)))
 
 
 def classes_in_space(fused: Fused) -> Figure:

@@ -95,15 +95,17 @@ def space_figure(space: PauliSpace, *, title: str = "Classes in the space of Pau
 
 
 def _scatter(axes: Axes3D, groups: Mapping[str, Floats], names: tuple[str, ...], up: int) -> None:
-    for name, points in groups.items():
-        axes.scatter(
-            points[ACROSS], points[AWAY], points[up], s=3, color=colour_of_class(names.index(name)), label=name
-        )
-    top = 1.0
+    top, beyond = 1.0, ""
     if up == UP[1] and groups:
-        top = min(1.0, 1.1 * largest_shown(np.concatenate([points[up] for points in groups.values()])))
+        heights = np.concatenate([points[up] for points in groups.values()])
+        top = min(1.0, 1.1 * largest_shown(heights))
+        beyond = " (more: at the top)" if heights.max() > top else ""
+    for name, points in groups.items():
+        # Without the limit a few points would be drawn above the box.
+        height = np.minimum(points[up], top)
+        axes.scatter(points[ACROSS], points[AWAY], height, s=3, color=colour_of_class(names.index(name)), label=name)
     axes.set(xlim=(0, 1), ylim=(0, 1), zlim=(0, top), xlabel=AXES[ACROSS], ylabel=AXES[AWAY])
     axes.zaxis.set_rotate_label(False)
-    axes.set_zlabel(AXES[up], rotation=90, labelpad=8)
+    axes.set_zlabel(AXES[up] + beyond, rotation=90, labelpad=8)
     axes.view_init(elev=24, azim=-58)
     axes.set_box_aspect((1, 1, 0.9), zoom=0.9)

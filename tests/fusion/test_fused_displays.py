@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Path3DCollection
 
 from polfuse_lab.products import style
 from polfuse_lab.products.fused_colours import class_rgb, fused_colours_figure, fused_rgb, largest_shown
@@ -97,7 +99,12 @@ def test_classes_in_space(fused: Products) -> None:
 
 def test_figures(fused: Products, tmp_path: Path) -> None:
     drawn = space_figure(load_space(fused))
-    assert [axes.get_zlabel() for axes in drawn.axes] == ["|HV| / norm", "DOLP"]
+    assert [axes.get_zlabel() for axes in drawn.axes] == ["|HV| / norm", "DOLP (more: at the top)"]
+    for axes in drawn.axes:
+        assert isinstance(axes, Axes3D)
+        for points in axes.collections:
+            assert isinstance(points, Path3DCollection)
+            assert np.ma.max(points._offsets3d[2]) <= axes.get_zlim()[1]
     assert [text.get_text() for text in drawn.legends[0].get_texts()] == ["field", "roof"]
     colours = fused_colours_figure(fused.read("fusion"))
     for name, figure in (("space", drawn), ("colours", colours)):
