@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from drivers.records import AudioBlock, Channel
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.imports.formats import Imported
+from polfuse_lab.imports.matlab import read_matlab
 from polfuse_lab.records import Sweeps
 from polfuse_lab.rig import Waveform
 from polfuse_lab.session import SessionConfig, SessionWriter
@@ -123,24 +124,17 @@ def _channel(path: Path) -> str:
 
 def _read(path: Path) -> dict[str, NDArray[Any]]:
     """Fields of one file: fp (pulses, frequencies), freq, antenna (pulses, 3), and the corrections."""
-    import scipy.io
-
-    try:
-        data = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)["data"]
-        fp = np.asarray(data.fp, dtype=np.complex64)
-        frequency = np.atleast_1d(np.asarray(data.freq, dtype=np.float64))
-        places = [np.atleast_1d(np.asarray(getattr(data, axis), dtype=np.float64)) for axis in "xyz"]
-        correction = getattr(data, "af", None)
-    except OSError as error:
+    data = read_matlab(path).get("data")
+    needed = ("fp", "freq", "x", "y", "z")
+    lacking = needed if not isinstance(data, dict) else [key for key in needed if not _is_numbers(data.get(key))]
+    if lacking or not isinstance(data, dict):
         raise PolfuseError(
-            f"cannot be read ({error.strerror or error})", where=str(path), advice="check its name"
-        ) from error
-    except Exception as error:
-        # Damaged MATLAB files raise whatever their bytes lead the reader to.
-        raise PolfuseError(
-            f"is no MATLAB file of the Gotcha collect ({type(error).__name__}: {error})", where=str(path),
+            f"is no MATLAB file of the Gotcha collect (no numbers in data.{lacking[0]})", where=str(path),
             advice="give the files as AFRL delivers them, data_3dsar_pass1_az001_HH.mat",
-        ) from error  # fmt: skip
+        )  # fmt: skip
+    fp = np.asarray(data["fp"], dtype=np.complex64)
+    frequency, *places = (_real(data[key], path, key) for key in needed[1:])
+    correction = data.get("af")
     pulses, count = len(places[0]), len(frequency)
     fp = fp.reshape(count, pulses) if fp.size == count * pulses else fp
     if fp.shape != (count, pulses) or any(len(place) != pulses for place in places) or count < 2:
@@ -153,14 +147,28 @@ def _read(path: Path) -> dict[str, NDArray[Any]]:
     step = (frequency[-1] - frequency[0]) / (count - 1)
     if step <= 0 or np.abs(frequency - frequency[0] - step * np.arange(count)).max() > 0.01 * step:
         raise PolfuseError("has frequencies that are not equidistant", where=str(path), advice="fetch the file again")
+    corrected = correction if isinstance(correction, dict) else {}
     zero = np.zeros(pulses)
     return {
         "fp": fp.T,
         "freq": frequency,
         "antenna": np.stack(places, axis=1),
-        "range": np.asarray(getattr(correction, "r_correct", zero), dtype=np.float64).reshape(-1),
-        "phase": np.asarray(getattr(correction, "ph_correct", zero), dtype=np.float64).reshape(-1),
+        "range": _real(corrected.get("r_correct", zero), path, "af.r_correct"),
+        "phase": _real(corrected.get("ph_correct", zero), path, "af.ph_correct"),
     }
+
+
+def _is_numbers(value: Any) -> bool:
+    return isinstance(value, np.ndarray)
+
+
+def _real(value: Any, path: Path, name: str) -> NDArray[np.float64]:
+    """Real numbers in a row."""
+    if not _is_numbers(value) or np.iscomplexobj(value):
+        raise PolfuseError(
+            f"holds no real numbers in data.{name}", where=str(path), advice="give the file as AFRL delivers it"
+        )
+    return np.asarray(value, dtype=np.float64).reshape(-1)
 
 
 def _joined(parts: list[tuple[Path, dict[str, NDArray[Any]]]]) -> dict[str, NDArray[Any]]:
