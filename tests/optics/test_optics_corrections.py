@@ -182,7 +182,7 @@ def test_shifts_of_a_mosaic_are_not_asked_for_in_vain(tmp_path: Path) -> None:
         with pytest.raises(PolfuseError, match="there are no images to put in place; leave --register out"):
             optics(session, tmp_path / "p.h5", register=register)
     assert not (tmp_path / "p.h5").exists()
-    assert optics(session, tmp_path / "p.h5", register="off").shifts == []
+    assert not optics(session, tmp_path / "p.h5", register="off").shifts
 
 
 @pytest.mark.parametrize("demosaic", ["bilinear", "newton", "residual"])
