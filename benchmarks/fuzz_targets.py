@@ -16,6 +16,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+import scipy.io
 import serial
 
 from benchmarks.fuzzing import LONGEST, Target
@@ -46,12 +47,14 @@ from hw_mocks.switch_box import SwitchBox
 from hw_mocks.world import World
 from polfuse_lab.engine import protocol
 from polfuse_lab.errors import PolfuseError
+from polfuse_lab.imports.matlab import read_matlab
 from polfuse_lab.imports.riff import read_wav
 from polfuse_lab.plans import parse_plan
 from polfuse_lab.records import Sweeps
 from polfuse_lab.rig import Rig
 from polfuse_lab.rig.toml_model import parse_model
-from polfuse_lab.session.layout import SessionConfig
+from polfuse_lab.session import open_session
+from polfuse_lab.session.layout import TABLES, SessionConfig
 from polfuse_lab.session.recovery import recover
 from polfuse_lab.session.writer import SessionWriter
 from polfuse_lab.simulation.scene_file import SolidSceneFile
@@ -306,6 +309,32 @@ def _files(folder: Path) -> Iterator[Target]:
     plans = tuple(path.read_bytes() for path in sorted(_EXAMPLES.glob("*.toml")) if not path.name.startswith("rig"))
     yield Target("plan file", _plan, plans, (PolfuseError,), 50)
 
+    def matlab(data: bytes) -> None:
+        path = folder / "fuzz.mat"
+        path.write_bytes(data)
+        read_matlab(path)
+
+    yield Target("MATLAB file", matlab, (_matlab(False), _matlab(True)), (PolfuseError,), 5)
+
+    def session(data: bytes) -> None:
+        path = folder / "fuzz.h5"
+        path.write_bytes(data)
+        with open_session(path) as opened:
+            for table in TABLES:
+                getattr(opened, table)
+            for number in range(len(opened.sweeps)):
+                opened.audio(number)
+
+    yield Target("session file (read)", session, (_session(folder),), (PolfuseError,), 50)
+
+
+def _matlab(compressed: bool) -> bytes:
+    """A MATLAB file of numbers of all kinds, as SciPy writes it."""
+    file = io.BytesIO()
+    numbers = {"echoes": np.ones((3, 4), np.complex64), "x": np.arange(5.0), "inner": {"count": np.uint8(3)}}
+    scipy.io.savemat(file, {"data": numbers, "text": "words"}, do_compression=compressed)
+    return file.getvalue()
+
 
 def _plan(data: bytes) -> None:
     parse_plan(data.decode("utf-8", "replace"), "fuzz.toml")
@@ -327,6 +356,8 @@ def _recovery(folder: Path) -> Target:
 def _session(folder: Path) -> bytes:
     """A small session, as its writer leaves it."""
     path = folder / "seed.h5"
+    if path.exists():
+        return path.read_bytes()
     writer = SessionWriter.create(path, SessionConfig("collect", Rig.model_validate(RIG).waveform, 48_000.0))
     samples = np.arange(4000, dtype=np.int16).reshape(-1, 2)
     block = AudioBlock(samples, 48_000.0, 0, 0.0, 1)

@@ -3,17 +3,23 @@
 h5py's own indexing makes the types and selections of HDF5 anew for each write, which takes longer than a row of a table
 does; here they are made once.
 
-Compression takes longer than all the rest of writing. A writer that falls behind stores whole chunks as they are; HDF5
-notes for each chunk which filters were left out, and readers see no difference.
+Compression takes longer than all the rest of writing. A writer that falls behind stores whole chunks as they are, with
+their checksum; HDF5 notes for each chunk which filters were left out, and readers see no difference.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
+
+from polfuse_lab.session.checksum import fletcher32
+
+_WITHOUT_COMPRESSION = 1
+"""Mask of a chunk whose first filter was left out."""
 
 
 class GrowingDataset:
@@ -33,8 +39,12 @@ class GrowingDataset:
         self.items: int = dataset.shape[0]
         """Items so far."""
         self._id = dataset.id
-        # Only whole items are stored without the filter, and only one filter is left out: bit 0 of the mask.
-        self._direct = dataset.id.get_create_plist().get_nfilters() == 1 and dataset.chunks[1:] == dataset.shape[1:]
+        made = dataset.id.get_create_plist()
+        filters = [made.get_filter(number)[0] for number in range(made.get_nfilters())]
+        # Only whole items are stored without compression, which is the first of two filters.
+        self._direct = filters[1:] == [h5py.h5z.FILTER_FLETCHER32] and dataset.chunks[1:] == dataset.shape[1:]
+        chunk_bytes = math.prod(dataset.chunks) * dataset.dtype.itemsize if self._direct else 0
+        self._content = np.empty(chunk_bytes + 4, dtype=np.uint8)
         self._memory_type = h5py.h5t.py_create(dataset.dtype)
 
     def append(self, items: NDArray[Any], *, at: int | None = None, plain: bool = False) -> None:
@@ -68,7 +78,10 @@ class GrowingDataset:
             piece = values[begin : begin + self.chunk]
             if len(piece) < self.chunk:
                 piece = np.concatenate([piece, np.zeros((self.chunk - len(piece), *self.shape), self.dtype)])
-            self._id.write_direct_chunk((first + begin, *(0 for _ in self.shape)), piece, 1)
+            content = self._content
+            content[:-4] = piece.reshape(-1).view(np.uint8)
+            content[-4:] = np.frombuffer(fletcher32(piece).to_bytes(4, "little"), dtype=np.uint8)
+            self._id.write_direct_chunk((first + begin, *(0 for _ in self.shape)), content, _WITHOUT_COMPRESSION)
 
     def append_row(self, values: tuple[Any, ...]) -> None:
         """Write one row of a table. Raises as :meth:`append`."""

@@ -13,7 +13,8 @@ import struct
 from pathlib import Path
 from typing import Any
 
-_SUPERBLOCK_BYTES = 48
+SUPERBLOCK_BYTES = 48
+"""Of version 3, with its checksum."""
 _FLAGS_AT = 11
 _MASK = 0xFFFFFFFF
 
@@ -28,7 +29,7 @@ class Unflagged(io.RawIOBase):
         super().__init__()
         self._handle = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
         self._place = 0
-        self._start = unflagged(os.read(self._handle, _SUPERBLOCK_BYTES))
+        self._start = unflagged(os.read(self._handle, SUPERBLOCK_BYTES))
 
     def close(self) -> None:
         """Close the file. Idempotent."""
@@ -69,13 +70,18 @@ class Unflagged(io.RawIOBase):
 
 def unflagged(superblock: bytes) -> bytes:
     """A superblock of version 3 with no flag set and the checksum that belongs to it; any other one as it is."""
-    if len(superblock) < _SUPERBLOCK_BYTES or superblock[8] != 3:
-        return superblock
-    body, told = superblock[:-4], struct.unpack("<I", superblock[-4:])[0]
-    if checksum(body) != told:
-        return superblock  # damaged itself: HDF5 shall say so
+    if not is_marked(superblock):
+        return superblock  # where it is damaged HDF5 shall say so
+    body = superblock[:-4]
     cleared = body[:_FLAGS_AT] + b"\0" + body[_FLAGS_AT + 1 :]
     return cleared + struct.pack("<I", checksum(cleared))
+
+
+def is_marked(superblock: bytes) -> bool:
+    """Whether a superblock of version 3, 48 bytes that are not damaged, is marked as being written."""
+    if len(superblock) != SUPERBLOCK_BYTES or superblock[8] != 3 or not superblock[_FLAGS_AT]:
+        return False
+    return bool(checksum(superblock[:-4]) == struct.unpack("<I", superblock[-4:])[0])
 
 
 def checksum(data: bytes) -> int:

@@ -34,6 +34,8 @@ NAMES = (
     "scene file",
     "scene file of bodies",
     "plan file",
+    "MATLAB file",
+    "session file (read)",
     "session file (recover)",
 )
 
