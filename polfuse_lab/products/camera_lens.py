@@ -176,24 +176,25 @@ def _files(folder: Path) -> list[Path]:
 def _picture(path: Path) -> Floats:
     """Brightness (rows, columns)."""
     try:
-        if path.suffix.lower() == ".npy":
-            values = np.load(path, allow_pickle=False)
-        else:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of sizes and of unknown tags: what matters is whether it can be read
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of sizes and of unknown tags: what matters is whether it can be read
+            if path.suffix.lower() == ".npy":
+                values = np.load(path, allow_pickle=False)
+            else:
                 with Image.open(path) as image:
                     values = np.asarray(image.convert("RGB") if image.mode == "P" else image)
-    except (OSError, ValueError) as error:
+            picture = np.asarray(values, dtype=np.float64)
+    except Exception as error:
+        # Damaged pictures raise nearly every kind of exception.
         raise PolfuseError(
             f"cannot be read as a picture ({error})",
             where=str(path),
             advice="take it out of the folder, or save it anew",
         ) from error
-    picture = np.asarray(values, dtype=np.float64)
     if picture.ndim == 3:
         picture = picture[..., :3].mean(axis=-1)
     if picture.ndim != 2:
-        raise PolfuseError(f"has shape {values.shape}", where=str(path), advice="give one picture a file")
+        raise PolfuseError(f"has shape {picture.shape}", where=str(path), advice="give one picture a file")
     return picture
 
 

@@ -104,7 +104,8 @@ def read_heights(path: Path | str) -> HeightMapGrid:
     advice = "give a table: x in the first row, y in the first column, heights z between them"
     try:
         x, y, height = _npz(path) if path.suffix == ".npz" else _table(path)
-    except (OSError, ValueError, KeyError, EOFError) as error:
+    except Exception as error:
+        # Damaged archives raise nearly every kind of exception.
         raise PolfuseError(f"holds no map of heights ({error})", where=str(path), advice=advice) from error
     wrong = not all(axis.ndim == 1 and axis.size and np.isfinite(axis).all() for axis in (x, y))
     if wrong or height.shape != (len(y), len(x)) or np.isinf(height).any() or np.isnan(height).all():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 
 from polfuse_lab.errors import PolfuseError
 from polfuse_lab.products.focus_grids import read_heights
-from processing.errors import DataError
 from processing.fusion.height_map import HeightMap
 
 Floats = NDArray[np.float64]
@@ -34,7 +32,8 @@ def height_map(path: Path | str, z_m: float) -> HeightMap:
     try:
         height = np.asarray(grid.height_m, dtype=np.float64) - z_m
         return HeightMap(np.asarray(grid.x_m, np.float64), np.asarray(grid.y_m, np.float64), height, _sd(path))
-    except (DataError, OSError, ValueError, zipfile.BadZipFile) as error:
+    except Exception as error:
+        # Damaged archives raise nearly every kind of exception.
         raise PolfuseError(f"holds no map of heights ({error})", where=str(path), advice="look at the file") from error
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -212,7 +211,8 @@ def _read(path: Path) -> dict[str, NDArray[Any]]:
     try:
         with np.load(path, allow_pickle=False) as file:
             held = {name: np.asarray(file[name]) for name in NEEDED if name in file.files}
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
+    except Exception as error:
+        # Damaged archives raise nearly every kind of exception.
         raise PolfuseError("is no NumPy file of arrays", where=str(path), advice="write it by numpy.savez") from error
     missing = [name for name in NEEDED if name not in held]
     if missing:

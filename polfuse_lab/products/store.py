@@ -202,7 +202,7 @@ class Products:
         """Names of the stages present, in the order in which they were first written; empty without a file."""
         if not self.path.exists():
             return []
-        with self._open() as file:
+        with self._open() as file, self._readable("list of stages"):
             return list(file)
 
     def _checked(self, stage: str, arrays: Mapping[str, Array], units: Mapping[str, str]) -> dict[str, Array]:
@@ -255,7 +255,8 @@ class Products:
         for name, values in (("settings", settings), ("provenance", provenance)):
             if name in group:
                 del group[name]
-            group[name] = json.dumps(values)
+            # Of one length: strings of any length lie in a heap of HDF5's in which damage is read without an end.
+            group[name] = np.bytes_(json.dumps(values))
 
     def _stage_hashes(self, writing: str) -> dict[str, str]:
         return {name: self.provenance(name)["sha256"] for name in self.stages() if name != writing}
@@ -270,7 +271,7 @@ class Products:
         advice = f"make it with '{MADE_BY[stage]}'" if stage in MADE_BY else "look at its stages"
         if not self.path.exists():
             raise PolfuseError(f"there is no such products file (stage '{stage}')", where=str(self.path), advice=advice)
-        with self._open() as file:
+        with self._open() as file, self._readable(f"stage '{stage}'"):
             if stage not in file:
                 present = ", ".join(file) or "none"
                 raise PolfuseError(f"has no stage '{stage}' (present: {present})", where=str(self.path), advice=advice)
@@ -291,16 +292,30 @@ class Products:
                 advice="check that it is a products file, or make it again with 'polfuse focus'",
             ) from error
         with file:
-            if file.attrs.get("schema") != SCHEMA:
+            with self._readable("version"):
+                schema, version = file.attrs.get("schema"), int(file.attrs.get("version", 0))
+            if schema != SCHEMA:
                 raise PolfuseError(
-                    f"is no products file (schema {file.attrs.get('schema')!r})",
+                    f"is no products file (schema {schema!r})",
                     where=str(self.path),
                     advice="give the file that 'polfuse focus' wrote",
                 )
-            if int(file.attrs["version"]) > VERSION:
+            if version > VERSION:
                 raise PolfuseError(
-                    f"was written by a newer program (version {file.attrs['version']}, known: {VERSION})",
+                    f"was written by a newer program (version {version}, known: {VERSION})",
                     where=str(self.path),
                     advice="update polfuse-lab",
                 )
             yield file
+
+    @contextmanager
+    def _readable(self, what: str) -> Iterator[None]:
+        """Reading only: what damaged bytes lead HDF5, h5py and JSON to is told as damage."""
+        try:
+            yield
+        except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
+            raise PolfuseError(
+                f"its {what} cannot be read ({(str(error).splitlines() or ['damaged'])[0]})",
+                where=str(self.path),
+                advice="the file is damaged there; use another copy, or make it again",
+            ) from error
