@@ -6,7 +6,6 @@ import contextlib
 import io
 import os
 import socket
-import struct
 import tempfile
 import threading
 import time
@@ -15,17 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
-import scipy.io
 import serial
 
+from benchmarks.fuzz_files import file_targets
 from benchmarks.fuzzing import LONGEST, Target
 from benchmarks.serial_handlers.protocol_fuzz import Serial
-from benchmarks.stands_radar import RIG
 from drivers.errors import DeviceError, DeviceLost, DeviceRefused, DeviceTimeout
 from drivers.polarizer import elliptec
 from drivers.polarizer.ell14 import Ell14
-from drivers.records import AudioBlock, Channel, TrolleyFix
 from drivers.switches.dowkey_ms import DowKeyMs
 from drivers.switches.minicircuits_rc import MiniCircuitsRc
 from drivers.switches.numato_relay import NumatoRelay
@@ -41,29 +37,13 @@ from hw_mocks.grbl import Grbl
 from hw_mocks.loopback import Address
 from hw_mocks.numato import RelayModule
 from hw_mocks.rotator import Rotator
-from hw_mocks.scene_file import SceneFile
 from hw_mocks.sound_card.stream_server import HEADER, read_block
 from hw_mocks.switch_box import SwitchBox
 from hw_mocks.world import World
 from polfuse_lab.engine import protocol
-from polfuse_lab.errors import PolfuseError
-from polfuse_lab.imports.matlab import read_matlab
-from polfuse_lab.imports.riff import read_wav
-from polfuse_lab.plans import parse_plan
-from polfuse_lab.records import Sweeps
-from polfuse_lab.rig import Rig
-from polfuse_lab.rig.toml_model import parse_model
-from polfuse_lab.session import open_session
-from polfuse_lab.session.layout import TABLES, SessionConfig
-from polfuse_lab.session.recovery import recover
-from polfuse_lab.session.writer import SessionWriter
-from polfuse_lab.simulation.scene_file import SolidSceneFile
 
 _IN_MEMORY_S = 1e-4
 """Time-out of a driver whose device answers at once or never."""
-_EXAMPLES = Path(__file__).resolve().parent.parent / "polfuse_lab" / "rig" / "examples"
-_SCENES = Path(__file__).resolve().parent.parent / "examples" / "scenes"
-
 _GRBL = (
     b"<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>",
     b"<Run|MPos:2.260,0.000,0.000|FS:432,0|Pn:RHS|Ov:100,100,100>",
@@ -142,13 +122,6 @@ def _client_message(data: bytes) -> None:
 
 def _engine_message(data: bytes) -> None:
     protocol.decode_engine(data)
-
-
-def _toml(model: type[Any]) -> Callable[[bytes], None]:
-    def feed(data: bytes) -> None:
-        parse_model(data.decode("utf-8", "replace"), model, "fuzz.toml")
-
-    return feed
 
 
 def _patiently(call: Callable[[], object]) -> None:
@@ -284,91 +257,6 @@ def _line(port: str) -> Target:
     return Target("serial line", feed, tuple(text + b"\r\n" for text in (*_GRBL, *_ELL14)), (DeviceError,), 2)
 
 
-def _wav() -> bytes:
-    """A valid WAV file of 16 stereo frames."""
-    samples = bytes(range(64))
-    fmt = struct.pack("<4sIHHIIHH", b"fmt ", 16, 1, 2, 48_000, 192_000, 4, 16)
-    body = b"WAVE" + fmt + struct.pack("<4sI", b"data", len(samples)) + samples
-    return b"RIFF" + struct.pack("<I", len(body)) + body
-
-
-def _files(folder: Path) -> Iterator[Target]:
-    def wav(data: bytes) -> None:
-        path = folder / "fuzz.wav"
-        path.write_bytes(data)
-        read_wav(path)
-
-    yield Target("WAV file", wav, (_wav(),), (PolfuseError,), 5)
-    for name, model, paths in (
-        ("rig file", Rig, [_EXAMPLES / "rig.toml", _EXAMPLES / "rig_by_hand.toml"]),
-        ("scene file", SceneFile, [_SCENES / "field.toml", _SCENES / "field_of_bodies.toml"]),
-        ("scene file of bodies", SolidSceneFile, [_SCENES / "yard.toml"]),
-    ):
-        seeds = tuple(path.read_bytes() for path in paths)
-        yield Target(name, _toml(model), seeds, (PolfuseError,), 50 if model is Rig else 200)
-    plans = tuple(path.read_bytes() for path in sorted(_EXAMPLES.glob("*.toml")) if not path.name.startswith("rig"))
-    yield Target("plan file", _plan, plans, (PolfuseError,), 50)
-
-    def matlab(data: bytes) -> None:
-        path = folder / "fuzz.mat"
-        path.write_bytes(data)
-        read_matlab(path)
-
-    yield Target("MATLAB file", matlab, (_matlab(False), _matlab(True)), (PolfuseError,), 5)
-
-    def session(data: bytes) -> None:
-        path = folder / "fuzz.h5"
-        path.write_bytes(data)
-        with open_session(path) as opened:
-            for table in TABLES:
-                getattr(opened, table)
-            for number in range(len(opened.sweeps)):
-                opened.audio(number)
-
-    yield Target("session file (read)", session, (_session(folder),), (PolfuseError,), 50)
-
-
-def _matlab(compressed: bool) -> bytes:
-    """A MATLAB file of numbers of all kinds, as SciPy writes it."""
-    file = io.BytesIO()
-    numbers = {"echoes": np.ones((3, 4), np.complex64), "x": np.arange(5.0), "inner": {"count": np.uint8(3)}}
-    scipy.io.savemat(file, {"data": numbers, "text": "words"}, do_compression=compressed)
-    return file.getvalue()
-
-
-def _plan(data: bytes) -> None:
-    parse_plan(data.decode("utf-8", "replace"), "fuzz.toml")
-
-
-def _recovery(folder: Path) -> Target:
-    """Whole session files, changed anywhere; each is read by a process of its own."""
-    seed = _session(folder)
-
-    def feed(data: bytes) -> None:
-        partial, rescued = folder / "fuzz.h5.partial", folder / "rescued.h5"
-        rescued.unlink(missing_ok=True)
-        partial.write_bytes(data)
-        recover(partial, rescued)
-
-    return Target("session file (recover)", feed, (seed,), (PolfuseError,), 5_000)
-
-
-def _session(folder: Path) -> bytes:
-    """A small session, as its writer leaves it."""
-    path = folder / "seed.h5"
-    if path.exists():
-        return path.read_bytes()
-    writer = SessionWriter.create(path, SessionConfig("collect", Rig.model_validate(RIG).waveform, 48_000.0))
-    samples = np.arange(4000, dtype=np.int16).reshape(-1, 2)
-    block = AudioBlock(samples, 48_000.0, 0, 0.0, 1)
-    for position in range(3):
-        writer.write(Sweeps(block, Channel.HH, position))
-        writer.write(TrolleyFix(0.1 * position, 1e-3, False, position))
-        writer.flush()
-    writer.close("finished", "all steps carried out")
-    return path.read_bytes()
-
-
 @contextlib.contextmanager
 def targets() -> Iterator[dict[str, Target]]:
     """All targets by their names, with what they need."""
@@ -403,8 +291,7 @@ def targets() -> Iterator[dict[str, Target]]:
             Target("engine: client's messages", _client_message, steering, (msgspec.DecodeError,)),
             Target("engine: engine's messages", _engine_message, (status,), (msgspec.DecodeError,)),
             Target("fault scripts", _fault, (b"trolley:silence:after=5s:for=2s:amount=0.5",), (ValueError,)),
-            *_files(folder),
-            _recovery(folder),
+            *file_targets(folder),
         )
         yield {target.name: target for target in made}
 

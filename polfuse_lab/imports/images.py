@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from polfuse_lab.errors import PolfuseError
+from polfuse_lab.errors import PolfuseError, first_line
 
 SUFFIXES = (".tif", ".tiff", ".png")
 """Names of image files, in lower case."""
@@ -114,7 +114,7 @@ def _pages(path: Path, content: bytes) -> Iterator[tuple[Image.Image, Counts]]:
                 problem = _problem(image)
                 counts = None if problem else _counts(image)
         except Exception as error:
-            raise _bad(path, f"is damaged or cut short ({_reason(error)})", "export or copy it again") from error
+            raise _bad(path, f"is damaged or cut short ({first_line(error)})", "export or copy it again") from error
         if counts is None:
             raise _bad(path, problem or "", "export raw frames as monochrome TIFF or PNG of 8 or 16 bits, without loss")
         yield image, counts
@@ -167,10 +167,6 @@ def _exposure(image: Image.Image) -> float | None:
     except Exception:  # a damaged remark beside sound counts
         return None
     return seconds if seconds is not None and 0 < seconds <= 60 else None
-
-
-def _reason(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0] or type(error).__name__
 
 
 def _bad(path: Path, what: str, advice: str) -> PolfuseError:

@@ -24,7 +24,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from polfuse_lab.errors import PolfuseError
+from polfuse_lab.errors import PolfuseError, first_line
 from polfuse_lab.plain import plain
 from polfuse_lab.products.lock import exclusive
 from polfuse_lab.products.provenance import arrays_sha256, circumstances, describe_inputs
@@ -287,7 +287,7 @@ class Products:
             ) from error
         except OSError as error:
             raise PolfuseError(
-                f"cannot be read as HDF5 ({str(error).splitlines()[0]})",
+                f"cannot be read as HDF5 ({first_line(error)})",
                 where=str(self.path),
                 advice="check that it is a products file, or make it again with 'polfuse focus'",
             ) from error
@@ -315,7 +315,7 @@ class Products:
             yield
         except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
             raise PolfuseError(
-                f"its {what} cannot be read ({(str(error).splitlines() or ['damaged'])[0]})",
+                f"its {what} cannot be read ({first_line(error)})",
                 where=str(self.path),
                 advice="the file is damaged there; use another copy, or make it again",
             ) from error

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from polfuse_lab.errors import PolfuseError
+from polfuse_lab.errors import PolfuseError, first_line
 from polfuse_lab.session import Session, layout, open_session, versions
 
 CIRCUMSTANCES = ("source", "host", "versions", "started", "start_unix_s", "start_host_ns", "storage")
@@ -48,7 +48,7 @@ def compare_sessions(a: Path | str, b: Path | str) -> list[Difference]:
                 found += _dataset(name, first._file.get(name), second._file.get(name))
             except (OSError, RuntimeError) as error:
                 raise PolfuseError(
-                    f"{name} cannot be read ({str(error).splitlines()[0]})",
+                    f"{name} cannot be read ({first_line(error)})",
                     where=f"{a} or {b}",
                     advice="one of the files is damaged there; use another copy",
                 ) from error

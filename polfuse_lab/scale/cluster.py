@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
 
-from polfuse_lab.errors import PolfuseError
+from polfuse_lab.errors import PolfuseError, first_line
 from polfuse_lab.products.provenance import versions
 from processing.errors import DataError
 
@@ -157,7 +157,7 @@ def _client(distributed: Any, address: str, reached: Any) -> Iterator[Any]:
         client = distributed.Client(reached, timeout=CONNECT_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError, RuntimeError) as error:
         raise PolfuseError(
-            f"no Dask scheduler answers there ({str(error).splitlines()[0] if str(error) else type(error).__name__})",
+            f"no Dask scheduler answers there ({first_line(error)})",
             where=f"--dask {address}",
             advice="start one with 'dask scheduler', give its address like tcp://HOST:8786, or use --dask local",
         ) from error

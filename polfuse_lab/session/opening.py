@@ -9,7 +9,7 @@ from pathlib import Path
 
 import h5py
 
-from polfuse_lab.errors import PolfuseError
+from polfuse_lab.errors import PolfuseError, first_line
 from polfuse_lab.session.naming import partial_path
 from polfuse_lab.session.unflagged import SUPERBLOCK_BYTES, Unflagged, is_marked
 
@@ -114,8 +114,3 @@ def damaged(path: Path, error: Exception) -> PolfuseError:
         where=str(path),
         advice="it may be cut short or not a session; use another copy",
     )
-
-
-def first_line(error: Exception) -> str:
-    """What an exception says, without the lines below that are for programmers."""
-    return (str(error).splitlines() or [type(error).__name__])[0]

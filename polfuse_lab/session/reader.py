@@ -14,10 +14,10 @@ import hdf5plugin  # noqa: F401 - registers the filters that audio and images ar
 import numpy as np
 from numpy.typing import NDArray
 
-from polfuse_lab.errors import PolfuseError
+from polfuse_lab.errors import PolfuseError, first_line
 from polfuse_lab.rig import Rig, Waveform, parse_model
 from polfuse_lab.session import layout, versions
-from polfuse_lab.session.opening import damaged, first_line, open_file
+from polfuse_lab.session.opening import damaged, open_file
 from polfuse_lab.session.selection import (
     AudioRecord,
     ChannelChoice,

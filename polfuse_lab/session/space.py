@@ -10,7 +10,7 @@ import shutil
 from pathlib import Path
 from typing import BinaryIO
 
-from polfuse_lab.errors import PolfuseError
+from polfuse_lab.errors import PolfuseError, first_line
 
 try:
     import fcntl
@@ -45,7 +45,7 @@ def explain(error: BaseException) -> str:
     """What the system said, in its own words; HDF5 wraps it in lines of detail."""
     told = _ERRNO.search(str(error))
     if told is None:
-        return str(error).splitlines()[0] if str(error) else type(error).__name__
+        return first_line(error)
     return os.strerror(int(told[1]))
 
 
